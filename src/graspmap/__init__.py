@@ -1,0 +1,63 @@
+"""graspmap: robot grasp detection with generative networks.
+
+The names below are the public ones; each is loaded at its first use, so that ``import graspmap``
+stays light (NumPy and nothing heavy).
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0.dev0"
+
+if TYPE_CHECKING:
+    from graspmap.data import Scene, Scenes, read_scenes
+    from graspmap.errors import GraspmapError
+    from graspmap.geometry import Camera, Grasps, RigidTransform, pairwise_iou
+    from graspmap.inference import Detection, Detector
+    from graspmap.maps import GraspMaps, draw_maps, find_grasps
+
+__all__ = [
+    "Camera",
+    "Detection",
+    "Detector",
+    "GraspMaps",
+    "GraspmapError",
+    "Grasps",
+    "RigidTransform",
+    "Scene",
+    "Scenes",
+    "draw_maps",
+    "find_grasps",
+    "pairwise_iou",
+    "read_scenes",
+]
+
+_HOME = {
+    "Camera": "geometry",
+    "Detection": "inference",
+    "Detector": "inference",
+    "GraspMaps": "maps",
+    "Grasps": "geometry",
+    "GraspmapError": "errors",
+    "RigidTransform": "geometry",
+    "Scene": "data",
+    "Scenes": "data",
+    "draw_maps": "maps",
+    "find_grasps": "maps",
+    "pairwise_iou": "geometry",
+    "read_scenes": "data",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'graspmap' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"graspmap.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

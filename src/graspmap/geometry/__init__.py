@@ -1,0 +1,15 @@
+"""Grasps, their overlap, and the frames they live in (NumPy; numba loads at the first overlap)."""
+
+from graspmap.geometry.camera import Camera
+from graspmap.geometry.grasps import Grasps, angle_difference, wrap_angle
+from graspmap.geometry.overlap import pairwise_iou
+from graspmap.geometry.transforms import RigidTransform
+
+__all__ = [
+    "Camera",
+    "Grasps",
+    "RigidTransform",
+    "angle_difference",
+    "pairwise_iou",
+    "wrap_angle",
+]

@@ -1,0 +1,30 @@
+"""What the tests share: where real data may lie, and reproducible hypothesis runs."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+settings.register_profile(
+    "graspmap",
+    deadline=None,  # the machines that run this are shared
+    max_examples=100,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+)
+settings.load_profile("graspmap")
+
+DATA = Path(
+    os.environ.get("GRASPMAP_TEST_DATA", Path(__file__).parents[2] / "shared" / "data")
+).resolve()
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """Folder with real data of others; tests that need it are skipped without it."""
+    if not DATA.is_dir():
+        pytest.skip(f"no real data at {DATA}; set GRASPMAP_TEST_DATA to run this test")
+    return DATA
