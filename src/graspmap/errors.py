@@ -132,4 +132,8 @@ def storage_errors(path: Path | str) -> Iterator[None]:
             raise FileError(
                 path, "no permission to write", "choose a folder that you may write to"
             ) from error
+        if isinstance(error, NotADirectoryError | FileExistsError | IsADirectoryError):
+            raise FileError(
+                path, "a file stands where a folder is needed, or the reverse", "choose another name"
+            ) from error
         raise

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any, overload
 
 import numpy as np
-from graspmap.geometry.camera import Camera
 from numpy.typing import NDArray
 
 from graspmap.errors import InvalidInputError
+from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps
 
 Rgb = NDArray[np.uint8]

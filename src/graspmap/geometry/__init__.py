@@ -2,7 +2,7 @@
 
 from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps, angle_difference, wrap_angle
-from graspmap.geometry.overlap import pairwise_iou
+from graspmap.geometry.overlap import best_iou, intersection_area, pairwise_iou
 from graspmap.geometry.transforms import RigidTransform
 
 __all__ = [
@@ -10,6 +10,8 @@ __all__ = [
     "Grasps",
     "RigidTransform",
     "angle_difference",
+    "best_iou",
+    "intersection_area",
     "pairwise_iou",
     "wrap_angle",
 ]

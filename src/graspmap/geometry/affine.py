@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspmap.errors import InvalidInputError
+from graspmap.geometry._check import numbers
 
 Floats = NDArray[np.float64]
 
@@ -83,9 +84,13 @@ def window(x: float, y: float, side: float, size: int) -> Floats:
 
 
 def apply(matrix: ArrayLike, points: ArrayLike) -> Floats:
-    """(N, 2) points (x, y) mapped by a (2, 3) or (3, 3) affine matrix."""
+    """(N, 2) points (x, y) mapped by a (2, 3) or (3, 3) affine matrix.
+
+    Raises:
+        InvalidInputError: The matrix is not an invertible affine map.
+    """
     m = check_affine(matrix)
-    return np.asarray(points, dtype=np.float64) @ m[:2, :2].T + m[:2, 2]
+    return numbers("points", points) @ m[:2, :2].T + m[:2, 2]
 
 
 def check_affine(matrix: ArrayLike) -> Floats:
@@ -95,7 +100,7 @@ def check_affine(matrix: ArrayLike) -> Floats:
         InvalidInputError: The shape is not (2, 3) or (3, 3), the last row is not (0, 0, 1), a
             number is not finite, or the map is singular.
     """
-    m = np.array(matrix, dtype=np.float64)
+    m = numbers("affine matrix", matrix)
     if m.shape == (2, 3):
         m = np.vstack([m, [0.0, 0.0, 1.0]])
     if m.shape != (3, 3):

@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspmap.errors import InvalidInputError
+from graspmap.geometry._check import numbers
+from graspmap.geometry.affine import check_similarity
 
 Floats = NDArray[np.float64]
 
@@ -25,11 +27,15 @@ def wrap_angle(angle: ArrayLike) -> Floats:
         angle: Radians, any shape.
 
     Returns:
-        Radians in [-pi/2, pi/2), same shape.
+        Radians in [-pi/2, pi/2), same shape; angles already there stay the same to the last bit.
     """
-    wrapped = np.mod(np.asarray(angle, dtype=np.float64) + np.pi / 2, np.pi) - np.pi / 2
-    # np.mod may round up to pi itself for tiny negative arguments.
-    return np.where(wrapped >= np.pi / 2, -np.pi / 2, wrapped)
+    given = np.array(angle, dtype=np.float64)
+    outside = ~((given >= -np.pi / 2) & (given < np.pi / 2))
+    if outside.any():
+        wrapped = np.mod(given[outside] + np.pi / 2, np.pi) - np.pi / 2
+        # np.mod may round up to pi itself for tiny negative arguments.
+        given[outside] = np.where(wrapped >= np.pi / 2, -np.pi / 2, wrapped)
+    return given
 
 
 def angle_difference(a: ArrayLike, b: ArrayLike) -> Floats:
@@ -42,7 +48,10 @@ def angle_difference(a: ArrayLike, b: ArrayLike) -> Floats:
     Returns:
         Radians in [0, pi/2].
     """
-    return np.abs(wrap_angle(np.asarray(a, np.float64) - np.asarray(b, np.float64)))
+    turn = np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)
+    nearest: Floats = np.abs(turn - np.pi * np.rint(turn / np.pi))
+    # Rounding may carry a right angle past its bound.
+    return np.minimum(nearest, np.pi / 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,29 +74,37 @@ class Grasps:
     angle: Floats
     width: Floats
     height: Floats
-    quality: Floats = field(default=None)  # type: ignore[assignment]  # filled in below
+    quality: Floats = field(default=None)  # type: ignore[arg-type]  # filled in below
 
     def __post_init__(self) -> None:
-        center = np.array(self.center, dtype=np.float64)
+        center = numbers("center", self.center)
         if center.size == 0:
             center = center.reshape(0, 2)
         if center.ndim != 2 or center.shape[1] != 2:
             raise InvalidInputError("shape of center", center.shape, "(N, 2), rows (x, y)")
-        quality = np.ones(len(center)) if self.quality is None else self.quality
-        object.__setattr__(self, "center", _frozen("center", center, center.shape))
-        for name, value in (
-            ("angle", self.angle),
-            ("width", self.width),
-            ("height", self.height),
-            ("quality", quality),
-        ):
-            array = np.array(value, dtype=np.float64)
-            object.__setattr__(self, name, _frozen(name, array, (len(center),)))
-        for name in ("width", "height"):
-            sizes = getattr(self, name)
+        count = len(center)
+        arrays = [_checked("center", center, (count, 2))]
+        for name in _FIELDS[1:]:
+            unscored = name == "quality" and self.quality is None
+            array = np.ones(count) if unscored else numbers(name, getattr(self, name))
+            arrays.append(_checked(name, array, (count,)))
+        for name, sizes in zip(("width", "height"), arrays[2:4], strict=True):
             if (sizes < 0).any():
                 raise InvalidInputError(name, float(sizes.min()), "pixels, 0 or more")
-        object.__setattr__(self, "angle", _frozen("angle", wrap_angle(self.angle), (len(center),)))
+        arrays[1] = wrap_angle(arrays[1])
+        self._keep(arrays)
+
+    def _keep(self, arrays: Iterable[Floats]) -> None:
+        for name, array in zip(_FIELDS, arrays, strict=True):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @classmethod
+    def _trusted(cls, arrays: Iterable[Floats]) -> Grasps:
+        """From fresh arrays that come out of checked grasps."""
+        grasps = object.__new__(cls)
+        grasps._keep(arrays)
+        return grasps
 
     @classmethod
     def empty(cls) -> Grasps:
@@ -108,16 +125,19 @@ class Grasps:
         Raises:
             InvalidInputError: The shape is not (N, 4, 2) or a number is not finite.
         """
-        points = np.array(corners, dtype=np.float64)
+        points = numbers("corners", corners)
         if points.size == 0:
             return cls.empty()
         if points.ndim != 3 or points.shape[1:] != (4, 2):
             raise InvalidInputError("shape of corners", points.shape, "(N, 4, 2)")
         opening = (points[:, 1] - points[:, 0] + points[:, 2] - points[:, 3]) / 2
         jaw = (points[:, 2] - points[:, 1] + points[:, 3] - points[:, 0]) / 2
+        # Without an opening the jaw, a quarter turn away, still tells the direction.
+        closed = (opening == 0).all(axis=1)[:, None]
+        axis = np.where(closed, np.stack([jaw[:, 1], -jaw[:, 0]], axis=-1), opening)
         return cls(
             center=points.mean(axis=1),
-            angle=np.arctan2(-opening[:, 1], opening[:, 0]),
+            angle=np.arctan2(-axis[:, 1], axis[:, 0]),
             width=np.hypot(opening[:, 0], opening[:, 1]),
             height=np.hypot(jaw[:, 0], jaw[:, 1]),
             quality=quality,  # type: ignore[arg-type]  # checked in __post_init__
@@ -129,8 +149,8 @@ class Grasps:
         items = [part for part in parts if len(part)]
         if not items:
             return Grasps.empty()
-        return Grasps(
-            *(np.concatenate([getattr(item, name) for item in items]) for name in _FIELDS)
+        return Grasps._trusted(
+            np.concatenate([getattr(item, name) for item in items]) for name in _FIELDS
         )
 
     def axis(self) -> Floats:
@@ -169,8 +189,6 @@ class Grasps:
             InvalidInputError: The matrix is no similarity (it shears or stretches), so a
                 rectangle would not stay one.
         """
-        from graspmap.geometry.affine import check_similarity
-
         linear, shift, scale = check_similarity(matrix)
         axis = self.axis() @ linear.T
         return Grasps(
@@ -182,14 +200,23 @@ class Grasps:
         )
 
     def replace(self, **changes: ArrayLike) -> Grasps:
-        """A copy with some of center, angle, width, height, quality exchanged."""
+        """A copy with some of center, angle, width, height, quality exchanged.
+
+        One value (for center, one point) serves all grasps.
+
+        Raises:
+            InvalidInputError: A name or a shape is wrong, or a value is not allowed in a grasp.
+        """
         values: dict[str, Any] = {name: getattr(self, name) for name in _FIELDS}
         unknown = changes.keys() - values.keys()
         if unknown:
             raise InvalidInputError("field", sorted(unknown), ", ".join(_FIELDS))
         for name, value in changes.items():
-            shape = values[name].shape
-            values[name] = np.broadcast_to(np.asarray(value, np.float64), shape)
+            array, shape = numbers(name, value), values[name].shape
+            try:
+                values[name] = np.broadcast_to(array, shape)
+            except ValueError as error:
+                raise InvalidInputError(f"shape of {name}", array.shape, str(shape)) from error
         return Grasps(**values)
 
     def __len__(self) -> int:
@@ -201,11 +228,20 @@ class Grasps:
             if not -len(self) <= index < len(self):
                 # Python's own protocol: iteration over a sequence ends with an IndexError.
                 raise IndexError(f"grasp {index} of {len(self)}")
-            index = [int(index)]
-        return Grasps(*(getattr(self, name)[index] for name in _FIELDS))
+            index = slice(int(index), int(index) + 1 or None)
+        elif not isinstance(index, slice):
+            index = np.asarray(index, dtype=None if len(index) else np.int64)
+            if index.ndim != 1:
+                raise InvalidInputError("shape of the index", index.shape, "one axis")
+        # Compiled code wants one kind of array: contiguous ones.
+        return Grasps._trusted(np.ascontiguousarray(getattr(self, n)[index]) for n in _FIELDS)
 
     def __iter__(self) -> Iterator[Grasps]:
         return (self[i] for i in range(len(self)))
+
+    def __reduce__(self) -> tuple[type[Grasps], tuple[Floats, ...]]:
+        # Through the constructor: plain unpickling would leave the arrays writeable.
+        return Grasps, tuple(getattr(self, name) for name in _FIELDS)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Grasps):
@@ -229,10 +265,9 @@ class Grasps:
 _FIELDS = ("center", "angle", "width", "height", "quality")
 
 
-def _frozen(name: str, array: Floats, shape: tuple[int, ...]) -> Floats:
+def _checked(name: str, array: Floats, shape: tuple[int, ...]) -> Floats:
     if array.shape != shape:
         raise InvalidInputError(f"shape of {name}", array.shape, f"{shape}, one row for each grasp")
     if not np.isfinite(array).all():
         raise InvalidInputError(name, "NaN or infinite in some grasp", "finite numbers")
-    array.setflags(write=False)
     return array

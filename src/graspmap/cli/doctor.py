@@ -1,0 +1,146 @@
+"""``graspmap doctor``: what is in a folder, what is broken, what it is good for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from graspmap.cli.frame import (
+    PICTURE_SUFFIXES,
+    option,
+    output_file,
+    parse,
+    teller,
+    write_json,
+    write_picture,
+)
+from graspmap.cli.progress import progress
+from graspmap.errors import GraspmapError, InvalidInputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from graspmap.data.scene import Scene
+    from graspmap.pictures import Tile
+
+_SCENES = 12
+_GRASPS = 12
+"""Scenes on a contact sheet, and grasps drawn on each at most."""
+
+
+@dataclass(frozen=True)
+class Doctor:
+    """Look through a data set, object meshes or weights files, and say what is there.
+
+    Example:
+      graspmap doctor jacquard:DIR --sheet sheet.png
+
+    Reads every label and the pictures, names missing and broken files, counts labels, checks units
+    of depth, masks, and whether the labels' axes and angles fit the pictures, and explains each
+    number of a label line. Kinds: cornell, jacquard, meshes, weights. Exit code 2: nothing usable.
+    """
+
+    data: Annotated[tyro.conf.Positional[str], option("KIND:DIR")]
+    """The folder; without KIND: the kind is found out from its files."""
+    sheet: Annotated[Path | None, option("F")] = None
+    """Write a contact sheet (.png or .jpg) with labels drawn on scenes."""
+    everything: bool = False
+    """Open all pictures, also of a data set with more than 1000 scenes."""
+    json: Annotated[Path | None, option("F")] = None
+    """Write the report as JSON to this file, - for standard output."""
+
+
+def run(argv: Sequence[str]) -> int:
+    """Run ``graspmap doctor``."""
+    flags = parse(Doctor, argv, "graspmap doctor")
+    output_file(flags.sheet, "--sheet", PICTURE_SUFFIXES)
+    output_file(flags.json, "--json")
+    from graspmap.cli.doctor_weights import examine_weights
+    from graspmap.data.doctor import EXAMINERS, Examiner, examine
+
+    weights = Examiner(examine_weights, (".safetensors", ".pt", ".pth"))
+    with progress("looking") as update:
+        report = examine(
+            flags.data,
+            progress=update,
+            everything=flags.everything,
+            examiners={**EXAMINERS, "weights": weights},
+        )
+    tell = teller(flags.json)
+    tell(report.text())
+    if flags.sheet is not None:
+        if report.kind not in ("cornell", "jacquard"):
+            raise InvalidInputError("--sheet", f"asked for {report.kind}", "data sets of scenes")
+        write_picture(flags.sheet, contact_sheet_of(f"{report.kind}:{report.root}"))
+        tell(f"  contact sheet: {flags.sheet}")
+    write_json(report.to_dict(), flags.json)
+    return 0 if report.usable else 2
+
+
+def contact_sheet_of(spec: str) -> NDArray[np.uint8]:
+    """Scenes of a data set, evenly spread, with some of their labels drawn on them.
+
+    Args:
+        spec: ``"kind:directory"``.
+
+    Raises:
+        GraspmapError: Not one scene can be read.
+    """
+    import numpy as np
+
+    from graspmap.data import read_scenes
+    from graspmap.pictures import contact_sheet
+
+    scenes = read_scenes(spec)
+    tiles: list[Tile] = []
+    failure: GraspmapError | None = None
+    for index in np.unique(np.linspace(0, len(scenes) - 1, _SCENES).round().astype(int)):
+        try:
+            tiles += _tiles(scenes[int(index)])
+        except GraspmapError as error:  # it is among the report's problems
+            failure = error
+    if not tiles and failure is not None:
+        raise failure
+    title = f"{spec}: jaws blue, opening red, centre black; grey: labelled as failing"
+    return contact_sheet(tiles, columns=4, cell=300, title=title)
+
+
+def _tiles(scene: Scene) -> list[Tile]:
+    """Colour with labels, and the depth beside it where there is one."""
+    import cv2
+    import numpy as np
+
+    from graspmap.geometry import Grasps
+    from graspmap.pictures import Tile, depth_picture, draw_grasps
+    from graspmap.pictures.draw import FAILED
+    from graspmap.pictures.fields import depth_limits
+
+    grasps = scene.grasps if scene.grasps is not None else Grasps.empty()
+    chosen = np.unique(np.linspace(0, len(grasps) - 1, _GRASPS).round().astype(int))
+    grasps = grasps[chosen] if len(grasps) else grasps
+    image = scene.rgb
+    if image is None:
+        assert scene.depth is not None  # a Scene has one of the two
+        image = depth_picture(scene.depth)
+    if scene.negatives is not None and len(scene.negatives):
+        image = draw_grasps(image, scene.negatives[:_GRASPS], jaw=FAILED, opening=FAILED)
+    if scene.mask is not None:
+        edges, _ = cv2.findContours(
+            scene.mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+        )
+        thickness = max(1, image.shape[1] // 400)
+        image = image.copy()
+        cv2.drawContours(image, edges, -1, (0, 200, 90), thickness)
+    count = 0 if scene.grasps is None else len(scene.grasps)
+    tiles = [Tile(image, f"{scene.id[-28:]}: {count} labels", grasps=grasps)]
+    if scene.depth is not None and scene.rgb is not None:
+        near, far = depth_limits(scene.depth)
+        words = f"{near:.2f} m", f"{far:.2f} m"
+        picture = depth_picture(scene.depth)
+        tiles.append(Tile(picture, "depth (magenta: none)", ("depth", *words)))
+    return tiles

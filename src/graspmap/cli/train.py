@@ -1,0 +1,78 @@
+"""``graspmap train``: from an experiment file to a weights file."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from graspmap.cli.frame import (
+    UsageError,
+    option,
+    output_file,
+    output_folder,
+    parse_known,
+    teller,
+    write_json,
+)
+from graspmap.cli.progress import progress
+
+
+@dataclass(frozen=True)
+class Train:
+    """Train a network as an experiment file says; the weights land in OUT/weights.safetensors.
+
+    Example:
+      graspmap train experiments/ggcnn2-cornell-rgb.yaml --data.source cornell:DIR --out runs/a
+
+    Every value of the file can be replaced by a flag with its dotted key, for example
+    --training.epochs 10 or --network.bins 3. The same command goes on where a stopped run ended.
+    OUT also holds experiment.yaml, split.json, metrics.jsonl, metrics.csv and tensorboard/.
+    """
+
+    experiment: Annotated[tyro.conf.Positional[Path], option("EXPERIMENT.yaml")]
+    """The experiment file."""
+    out: Annotated[Path, option("DIR", "needed")]
+    """Folder of the run."""
+    json: Annotated[Path | None, option("F")] = None
+    """Write the card of the weights as JSON to this file, - for standard output."""
+
+
+def run(argv: Sequence[str]) -> int:
+    """Run ``graspmap train``."""
+    flags, rest = parse_known(Train, argv, "graspmap train")
+    words = [word for word in rest if not word.startswith("--")]
+    if rest and not rest[0].startswith("--"):
+        raise UsageError("graspmap train", f"{words[0]!r} belongs to no flag")
+    from graspmap.training import read_experiment, train
+
+    experiment = read_experiment(flags.experiment, rest)
+    output_folder(flags.out, "--out")
+    output_file(flags.json, "--json")
+    command = shlex.join(["graspmap", "train", *argv])
+    card = train(experiment, flags.out, command=command, progress=progress)
+    content = card.model_dump(mode="json")
+    tell = teller(flags.json)
+    tell(
+        f"{flags.out / 'weights.safetensors'}: {card.network}, {card.channels}, {card.bins} bin(s)"
+    )
+    for part in ("validation", "test"):
+        if text := _score(content["metrics"].get(part)):
+            tell(f"{part}: {text}")
+    write_json(content, flags.json)
+    return 0
+
+
+def _score(metrics: Any) -> str:
+    """The success of one part in words; nothing where it was not measured."""
+    if not isinstance(metrics, dict) or "0.25" not in (metrics.get("success") or {}):
+        return ""
+    text = f"success {metrics['success']['0.25']:.1%} at IoU 0.25"
+    if "0.25" in (metrics.get("interval") or {}):
+        low, high = metrics["interval"]["0.25"]
+        text += f" (95 % interval {low:.1%} to {high:.1%})"
+    return f"{text}, {metrics['scenes']} scenes" if "scenes" in metrics else text

@@ -1,0 +1,98 @@
+"""``graspmap weights import``: other people's state dicts become weights files of graspmap."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from graspmap.cli.frame import UsageError, option, output_file, parse, teller, write_json
+from graspmap.errors import UnknownNameError
+
+_HELP = """usage: graspmap weights import NETWORK FILE OUT.safetensors [options]
+
+Turns a PyTorch state dict of GG-CNN or GG-CNN2 that others trained into a weights file of
+graspmap. The file is read without running anything that it may hold.
+
+Example:
+  graspmap weights import ggcnn2 ggcnn2_epoch_50_cornell_statedict.pt ggcnn2.safetensors
+
+graspmap weights import --help lists the options."""
+
+
+@dataclass(frozen=True)
+class Import:
+    """Turn other people's weights into a weights file of graspmap, without running their code.
+
+    Example:
+      graspmap weights import ggcnn2 ggcnn2_epoch_50_cornell_statedict.pt ggcnn2.safetensors
+    """
+
+    network: Annotated[tyro.conf.Positional[str], option("NETWORK")]
+    """Which network it is: ggcnn or ggcnn2."""
+    file: Annotated[tyro.conf.Positional[Path], option("FILE")]
+    """The state dict: a .pt or .pth file of PyTorch, or a .safetensors file."""
+    out: Annotated[tyro.conf.Positional[Path], option("OUT.safetensors")]
+    """The weights file to write; a readable card OUT.json is written beside it."""
+    width_scale: Annotated[float, option("PX", "default: 150, as the published weights have")] = (
+        150.0
+    )
+    """Opening in input pixels that the network's width map shows as 1."""
+    size: Annotated[int, option("PX", "default: 300")] = 300
+    """Side of the square input that it was trained with."""
+    channels: Annotated[
+        Literal["depth", "rgb", "rgbd"] | None,
+        option("depth|rgb|rgbd", "default: told from their number"),
+    ] = None
+    """What it looks at."""
+    view: Annotated[str, option("cover|contain|PX", "default: cover")] = "cover"
+    """Which centre square of a picture fills the input: the shorter side, the longer side, or a
+    side in pixels."""
+    json: Annotated[Path | None, option("F")] = None
+    """Write the card as JSON to this file, - for standard output."""
+
+
+def run(argv: Sequence[str]) -> int:
+    """Run ``graspmap weights``."""
+    if not argv or argv[0] in ("-h", "--help"):
+        print(_HELP)
+        return 0 if argv else 2
+    if argv[0] != "import":
+        raise UnknownNameError("weights command", argv[0], ["import"])
+    flags = parse(Import, argv[1:], "graspmap weights import")
+    output_file(flags.out, "OUT", (".safetensors",))
+    output_file(flags.json, "--json")
+    from graspmap.inference import import_weights, save_weights
+    from graspmap.networks import parameter_count
+
+    network, card = import_weights(
+        flags.network,
+        flags.file,
+        width_scale=flags.width_scale,
+        size=flags.size,
+        channels=flags.channels,
+        view=_view(flags.view),
+    )
+    save_weights(flags.out, network, card)
+    tell = teller(flags.json)
+    tell(
+        f"{flags.out}: {card.network}, {card.channels}, {card.bins} bin(s), "
+        f"{parameter_count(network):,} parameters, input {card.size} px, width scale "
+        f"{card.width_scale_px:g} px"
+    )
+    write_json(card.model_dump(mode="json"), flags.json)
+    return 0
+
+
+def _view(text: str) -> Literal["contain", "cover"] | int:
+    if text == "cover":
+        return "cover"
+    if text == "contain":
+        return "contain"
+    if text.isdecimal() and int(text) > 0:
+        return int(text)
+    raise UsageError("graspmap weights import", f"--view is {text!r}; allowed: cover, contain or "
+                     "a number of pixels")  # fmt: skip

@@ -1,0 +1,111 @@
+"""Data sets, their scenes, and the way from a scene to a network's input.
+
+Each name is loaded at its first use, so that importing one of them does not load all the others.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from graspmap.data.appendix import cornell_labels
+    from graspmap.data.augment import NONE, PUBLISHED, Augmentation
+    from graspmap.data.cornell import CornellScenes
+    from graspmap.data.images import (
+        Channels,
+        channel_count,
+        check_depth_m,
+        fill_depth,
+        input_window,
+        region_window,
+        to_input,
+        warp,
+    )
+    from graspmap.data.jacquard import (
+        JACQUARD_SIDE_PX,
+        JacquardScenes,
+        smallest_jaws,
+        write_jacquard,
+    )
+    from graspmap.data.jacquard_predictions import read_predictions, write_predictions
+    from graspmap.data.kinds import KINDS, read_scenes
+    from graspmap.data.scene import Scene, Scenes
+    from graspmap.data.split import Split, make_folds, make_split, read_split
+    from graspmap.data.store import Store, open_store
+
+__all__ = [
+    "JACQUARD_SIDE_PX",
+    "KINDS",
+    "NONE",
+    "PUBLISHED",
+    "Augmentation",
+    "Channels",
+    "CornellScenes",
+    "JacquardScenes",
+    "Scene",
+    "Scenes",
+    "Split",
+    "Store",
+    "channel_count",
+    "check_depth_m",
+    "cornell_labels",
+    "fill_depth",
+    "input_window",
+    "make_folds",
+    "make_split",
+    "open_store",
+    "read_predictions",
+    "read_scenes",
+    "read_split",
+    "region_window",
+    "smallest_jaws",
+    "to_input",
+    "warp",
+    "write_jacquard",
+    "write_predictions",
+]
+
+_HOME = {
+    "JACQUARD_SIDE_PX": "jacquard",
+    "KINDS": "kinds",
+    "NONE": "augment",
+    "PUBLISHED": "augment",
+    "Augmentation": "augment",
+    "Channels": "images",
+    "CornellScenes": "cornell",
+    "JacquardScenes": "jacquard",
+    "Scene": "scene",
+    "Scenes": "scene",
+    "Split": "split",
+    "Store": "store",
+    "channel_count": "images",
+    "check_depth_m": "images",
+    "cornell_labels": "appendix",
+    "fill_depth": "images",
+    "input_window": "images",
+    "make_folds": "split",
+    "make_split": "split",
+    "open_store": "store",
+    "read_predictions": "jacquard_predictions",
+    "read_scenes": "kinds",
+    "read_split": "split",
+    "region_window": "images",
+    "smallest_jaws": "jacquard",
+    "to_input": "images",
+    "warp": "images",
+    "write_jacquard": "jacquard",
+    "write_predictions": "jacquard_predictions",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'graspmap.data' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"graspmap.data.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,388 @@
+"""Jacquard: pictures of rendered objects with grasps that succeeded in a simulation.
+
+Layout, nested by object or flat, all files but the first may be missing:
+
+    <object>/<i>_<object>_RGB.png             colour
+    <object>/<i>_<object>_mask.png            0, and 255 on the object
+    <object>/<i>_<object>_perfect_depth.tiff  float32 metres, LZW
+    <object>/<i>_<object>_stereo_depth.tiff   the same with the errors of stereo; -1 marks holes
+    <object>/<i>_<object>_grasps.txt          ``x;y;theta;opening;jaw`` a line
+    <object>/<i>_<object>_camera.json         our addition: intrinsics, where not Jacquard's own
+
+``x;y`` is the centre in pixels, ``theta`` the direction of the opening in degrees, CLOCKWISE on
+screen (`Grasps` has it counter-clockwise), ``opening`` and ``jaw`` are pixels. A grasp repeats once
+for each jaw size with which it held.
+
+References:
+    A. Depierre, E. Dellandrea, L. Chen: Jacquard: A Large Scale Dataset for Robotic Grasp
+    Detection. IROS 2018.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from graspmap.data import files
+from graspmap.data.scene import Depth, Scene, Scenes
+from graspmap.errors import (
+    DatasetNotFoundError,
+    FileFormatError,
+    InvalidInputError,
+    UnknownNameError,
+)
+from graspmap.geometry.camera import Camera
+from graspmap.geometry.grasps import Grasps
+
+JACQUARD_SIDE_PX = 1024
+"""Side of Jacquard's pictures, in which its server counts pixels."""
+
+FIELD_OF_VIEW_RAD = math.radians(30.0)
+"""Field of view of Jacquard's camera, found from its files: focal length 1910.8 px."""
+
+DepthKind = Literal["perfect", "stereo"]
+Jaws = Literal["all", "smallest"]
+
+_LINE = "a line is x;y;theta;opening;jaw (pixels, degrees clockwise), five finite numbers"
+_NAME = re.compile(r"(?P<number>\d+)_(?P<object>.+)")
+
+
+@dataclass(frozen=True)
+class JacquardFiles:
+    """The files of one scene; None where one does not exist."""
+
+    rgb: Path
+    mask: Path | None
+    perfect_depth: Path | None
+    stereo_depth: Path | None
+    grasps: Path | None
+    camera: Path | None
+
+
+_SUFFIX = {
+    "rgb": "_RGB.png",
+    "mask": "_mask.png",
+    "perfect_depth": "_perfect_depth.tiff",
+    "stereo_depth": "_stereo_depth.tiff",
+    "grasps": "_grasps.txt",
+    "camera": "_camera.json",
+}
+
+
+class JacquardScenes(Scenes):
+    """The scenes of a folder in Jacquard's layout, sorted by object and number.
+
+    A scene's id is ``<i>_<object>``, its object_id ``<object>``. Grasps are in the pixels of the
+    scene's own picture.
+
+    Args:
+        root: Folder with the files, at any depth below it.
+        depth: Which depth a scene gets: ``"perfect"`` or ``"stereo"``.
+        jaws: ``"all"`` gives the grasps as in the file, ``"smallest"`` each with its smallest jaw
+            only (see `smallest_jaws`).
+
+    Raises:
+        DatasetNotFoundError: The folder does not exist or holds no ``*_RGB.png``.
+        FileFormatError: Two files give the same scene.
+        UnknownNameError: ``depth`` or ``jaws`` is not one of the above.
+    """
+
+    kind = "jacquard"
+
+    def __init__(
+        self, root: Path | str, *, depth: DepthKind = "perfect", jaws: Jaws = "all"
+    ) -> None:
+        for name, value, choices in (
+            ("depth of jacquard", depth, get_args(DepthKind)),
+            ("jaws of jacquard", jaws, get_args(Jaws)),
+        ):
+            if value not in choices:
+                raise UnknownNameError(name, str(value), choices)
+        self.root = Path(root)
+        self.depth, self.jaws = depth, jaws
+        found = _find(self.root)
+        self.ids = tuple(sorted(found, key=_order))
+        self._paths = [found[name] for name in self.ids]
+
+    @staticmethod
+    def recognises(root: Path) -> bool:
+        """Whether the folder holds at least one scene in this layout."""
+        return next(_names(root), None) is not None
+
+    def paths(self, index: int) -> JacquardFiles:
+        """All files of scene ``index``, whether they are read or not."""
+        return self._paths[index]
+
+    def read(self, index: int) -> Scene:
+        """Scene number ``index``.
+
+        Raises:
+            FileError: A file is damaged, or its size is not that of the colour picture.
+        """
+        paths, name = self._paths[index], self.ids[index]
+        rgb = files.read_rgb(paths.rgb)
+        depth_path = self._depth_path(paths)
+        depth = None if depth_path is None else files.read_depth(depth_path)
+        mask = None if paths.mask is None else files.read_mask(paths.mask)
+        for path, image in ((depth_path, depth), (paths.mask, mask)):
+            if path is not None and image is not None and image.shape != rgb.shape[:2]:
+                raise FileFormatError(
+                    path,
+                    f"is {image.shape[1]} x {image.shape[0]} px, but {paths.rgb.name} is "
+                    f"{rgb.shape[1]} x {rgb.shape[0]} px",
+                    "give the pictures of a scene one size",
+                )
+        return Scene(
+            id=name,
+            rgb=rgb,
+            depth=depth,
+            mask=mask,
+            grasps=self.read_grasps(index),
+            camera=_read_camera(paths.camera, rgb.shape[1], rgb.shape[0]),
+            object_id=self.object_id(index),
+        )
+
+    def read_grasps(self, index: int) -> Grasps | None:
+        """Labelled grasps of scene ``index``; None where it has no label file.
+
+        Raises:
+            FileError: The label file is damaged.
+        """
+        path = self._paths[index].grasps
+        if path is None:
+            return None
+        grasps = read_grasps(path)
+        return smallest_jaws(grasps) if self.jaws == "smallest" else grasps
+
+    def files(self, index: int) -> tuple[Path, ...]:
+        """The files that scene ``index`` is read from (those that exist)."""
+        paths = self._paths[index]
+        used = (paths.rgb, self._depth_path(paths), paths.mask, paths.grasps, paths.camera)
+        return tuple(path for path in used if path is not None)
+
+    def object_id(self, index: int) -> str:
+        """Object of scene ``index``, from the file name."""
+        return _object(self.ids[index])
+
+    def _depth_path(self, paths: JacquardFiles) -> Path | None:
+        return paths.perfect_depth if self.depth == "perfect" else paths.stereo_depth
+
+
+def jacquard_camera(width: int, height: int) -> Camera | None:
+    """Intrinsics of Jacquard's camera for a picture scaled to ``width`` x ``height`` px.
+
+    The camera is tilted by 10 degrees about the image's x axis, the table 1.5 m away on the axis.
+
+    Returns:
+        The camera; None for a picture that is not square, as none of Jacquard's is.
+    """
+    if width != height:
+        return None
+    return Camera.from_field_of_view(FIELD_OF_VIEW_RAD, width, height)
+
+
+def read_grasps(path: Path) -> Grasps:
+    """Grasps of a ``_grasps.txt``, all jaw sizes, in the order of the file; pixels of its picture.
+
+    A file without lines means that no grasp succeeded.
+
+    Raises:
+        FileError: The file is missing or no text, or a line is not five finite numbers with a
+            positive opening and jaw; the error names the line.
+    """
+    rows = [_parse(path, number, line) for number, line in files.read_lines(path)]
+    if not rows:
+        return Grasps.empty()
+    table = np.array(rows, dtype=np.float64)
+    return Grasps(
+        center=table[:, :2],
+        angle=-np.radians(table[:, 2]),
+        width=table[:, 3],
+        height=table[:, 4],
+    )
+
+
+def format_grasps(grasps: Grasps) -> str:
+    """The lines of a ``_grasps.txt`` (CRLF, as in the original); reading them is exact.
+
+    The quality is not part of the format.
+    """
+    # 1e-12 degrees are below the rounding of the conversion: 68.2615 stays what it was.
+    theta = np.round(-np.degrees(grasps.angle), 12)
+    table = np.column_stack([grasps.center, theta, grasps.width, grasps.height])
+    return "".join(";".join(repr(number) for number in row) + "\r\n" for row in table.tolist())
+
+
+def smallest_jaws(grasps: Grasps) -> Grasps:
+    """Each grasp once, with the smallest of the jaws (height) that it is repeated with.
+
+    Grasps are the same where centre, angle and opening agree to 1e-4 px and 1e-4 rad, which is
+    finer than the files are written and coarser than the rounding of an affine map. The order is
+    that of the first appearance.
+    """
+    if not len(grasps):
+        return grasps
+    key = np.column_stack(
+        # The double angle makes -pi/2 and pi/2 the same.
+        [grasps.center, np.cos(2 * grasps.angle), np.sin(2 * grasps.angle), grasps.width]
+    )
+    _, group = np.unique(np.round(key * 1e4).astype(np.int64), axis=0, return_inverse=True)
+    group = group.reshape(-1)  # NumPy 2.0 alone gave it a second axis
+    by_size = np.lexsort((np.arange(len(group)), grasps.height, group))
+    first = np.r_[True, np.diff(group[by_size]) > 0]
+    chosen = by_size[first]  # by group: the smallest jaw
+    appearance = np.full(len(chosen), len(group))
+    np.minimum.at(appearance, group, np.arange(len(group)))
+    return grasps[chosen[np.argsort(appearance)]]
+
+
+def write_jacquard(
+    scene: Scene, root: Path | str, *, stereo_depth: Depth | None = None, nested: bool = True
+) -> Path:
+    """Write a scene in Jacquard's layout; reading it back gives the same scene.
+
+    Each file is written whole or not at all, the colour picture last: a scene whose writing was
+    cut short is not found by the reader. Not part of the layout, and lost: the grasps' quality,
+    negative grasps and class labels.
+
+    Args:
+        scene: Needs colour and an id of the form ``<i>_<object>``, where ``<object>`` is its
+            object_id if it has one. Its depth becomes the perfect depth, holes are written as -1.
+        root: Folder to write into; made where it is missing.
+        stereo_depth: (H, W) float32 metres for the stereo depth, or None for no such file.
+        nested: Put the scene into a folder of its object.
+
+    Returns:
+        The path of the colour picture.
+
+    Raises:
+        InvalidInputError: The scene has no colour, an id that cannot be a file name or does not
+            name the object, a grasp without opening or jaw, or the stereo depth another size.
+        StorageFullError: The disk is full.
+        FileError: Writing there is not allowed.
+    """
+    if scene.rgb is None:
+        raise InvalidInputError(f"rgb of scene {scene.id}", None, "a picture, to write it")
+    name = _checked_name(scene)
+    if scene.grasps is not None and len(scene.grasps):
+        smallest = min(scene.grasps.width.min(), scene.grasps.height.min())
+        if smallest <= 0:
+            raise InvalidInputError(f"opening or jaw in scene {name}", smallest, "positive pixels")
+    if stereo_depth is not None and stereo_depth.shape != scene.shape:
+        raise InvalidInputError("shape of stereo_depth", stereo_depth.shape, str(scene.shape))
+    folder = Path(root) / _object(name) if nested else Path(root)
+    path = {part: folder / f"{name}{suffix}" for part, suffix in _SUFFIX.items()}
+    if scene.mask is not None:
+        files.write_mask(path["mask"], scene.mask)
+    for part, depth in (("perfect_depth", scene.depth), ("stereo_depth", stereo_depth)):
+        if depth is not None:
+            files.write_depth(path[part], depth)
+    if scene.grasps is not None:
+        files.write_text(path["grasps"], format_grasps(scene.grasps))
+    rows, columns = scene.shape
+    if scene.camera is not None and scene.camera != jacquard_camera(columns, rows):
+        files.write_text(path["camera"], json.dumps(scene.camera.to_dict(), indent=1) + "\n")
+    files.write_rgb(path["rgb"], scene.rgb)
+    return path["rgb"]
+
+
+def _checked_name(scene: Scene) -> str:
+    match = _NAME.fullmatch(scene.id)
+    if match is None or re.search(r"[/\\;\s]|^\.", scene.id):
+        raise InvalidInputError(
+            "id of the scene", repr(scene.id), "<number>_<object> without blanks, '/', '\\', ';'"
+        )
+    if scene.object_id not in (None, match["object"]):
+        raise InvalidInputError(
+            f"object_id of scene {scene.id}",
+            repr(scene.object_id),
+            f"{match['object']!r}, as in the id <number>_<object>",
+        )
+    return scene.id
+
+
+def _read_camera(path: Path | None, width: int, height: int) -> Camera | None:
+    if path is None:
+        return jacquard_camera(width, height)
+    camera = Camera.read(path)
+    if (camera.width, camera.height) != (width, height):
+        raise FileFormatError(
+            path,
+            f"describes {camera.width} x {camera.height} px, the picture has {width} x {height}",
+            "correct it, or delete it to use Jacquard's camera",
+        )
+    return camera
+
+
+def _find(root: Path) -> dict[str, JacquardFiles]:
+    found: dict[str, JacquardFiles] = {}
+    for folder, name, siblings in _names(root):
+        paths = {
+            part.name: folder / f"{name}{_SUFFIX[part.name]}"
+            if f"{name}{_SUFFIX[part.name]}" in siblings
+            else None
+            for part in fields(JacquardFiles)
+        }
+        if name in found:
+            raise FileFormatError(
+                folder / f"{name}{_SUFFIX['rgb']}",
+                f"scene {name} is also in {found[name].rgb.parent}",
+                "keep one of them",
+            )
+        found[name] = JacquardFiles(**paths)  # type: ignore[arg-type]  # rgb is there
+    if not found:
+        raise DatasetNotFoundError(
+            root,
+            "no Jacquard scenes (<i>_<object>_RGB.png) in it"
+            if root.is_dir()
+            else "no such folder",
+            "name the folder that holds the scenes or their object folders",
+        )
+    return found
+
+
+def _names(root: Path) -> Iterator[tuple[Path, str, frozenset[str]]]:
+    """Folder, scene name and the folder's files, for each colour picture below ``root``."""
+    for folder, subfolders, names in os.walk(root, followlinks=True):
+        subfolders.sort()
+        siblings = frozenset(names)
+        for name in sorted(names):
+            if name.endswith(_SUFFIX["rgb"]) and not name.startswith("."):
+                yield Path(folder), name.removesuffix(_SUFFIX["rgb"]), siblings
+
+
+def _object(name: str) -> str:
+    match = _NAME.fullmatch(name)
+    return match["object"] if match else name
+
+
+def _order(name: str) -> tuple[str, int, str]:
+    match = _NAME.fullmatch(name)
+    return (match["object"], int(match["number"]), name) if match else (name, 0, name)
+
+
+def _parse(path: Path, number: int, line: str) -> list[float]:
+    parts = line.split(";")
+    if len(parts) != 5:
+        raise FileFormatError(path, f"line {number} has {len(parts)} numbers: {line!r}", _LINE)
+    try:
+        values = [float(part) for part in parts]
+    except ValueError as error:
+        raise FileFormatError(path, f"line {number} is {line!r}", _LINE) from error
+    if not all(map(math.isfinite, values)):
+        raise FileFormatError(path, f"line {number} is not finite: {line!r}", _LINE)
+    if values[3] <= 0 or values[4] <= 0:
+        raise FileFormatError(
+            path,
+            f"line {number} has opening {values[3]:g} and jaw {values[4]:g}",
+            "both must be positive",
+        )
+    return values

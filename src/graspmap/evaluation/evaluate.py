@@ -1,0 +1,251 @@
+"""Detectors and prediction files against the labels of a data set.
+
+One grasp a scene is judged, the best. A scene without a prediction is a failure; a scene without
+a labelled rectangle is skipped, because the metric has nothing to say about it.
+"""
+
+from __future__ import annotations
+
+import difflib
+import logging
+import struct
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Literal, Protocol
+
+import numpy as np
+
+from graspmap.data.jacquard import JACQUARD_SIDE_PX
+from graspmap.data.scene import Depth, Rgb, Scenes
+from graspmap.errors import InvalidInputError
+from graspmap.evaluation.results import Evaluation, SceneResult
+from graspmap.geometry.affine import resize
+from graspmap.geometry.grasps import Grasps
+from graspmap.metrics.protocols import Decoding, RectangleProtocol, find_protocol
+from graspmap.metrics.rectangle import THRESHOLDS, best_overlap, score_rectangles
+
+Jaw = Literal["half", "given"]
+Cluster = Literal["scene", "object"]
+Progress = Callable[[int, int], object]
+"""Called with the scenes done and the scenes in all."""
+
+_LOG = logging.getLogger(__name__)
+
+
+class Found(Protocol):
+    """What a detector gives back: at least its grasps."""
+
+    @property
+    def grasps(self) -> Grasps:
+        """Grasps in pixels of the whole picture, best first."""
+
+
+class GraspDetector(Protocol):
+    """What can be evaluated: `graspmap.Detector`, or anything with such a method."""
+
+    def detect(self, rgb: Rgb | None, depth: Depth | None, *, top: int, method: Decoding) -> Found:
+        """The ``top`` best grasps of one picture.
+
+        Args:
+            rgb: (H, W, 3) uint8, red first, or None.
+            depth: (H, W) float32 metres, NaN where there is none, or None.
+            top: How many grasps at most.
+            method: How to read grasps from maps; detectors without maps may ignore it.
+        """
+
+
+def evaluate_detector(
+    detector: GraspDetector,
+    scenes: Scenes,
+    *,
+    protocol: str | RectangleProtocol = "strict",
+    thresholds: Sequence[float] = THRESHOLDS,
+    confidence: float = 0.95,
+    cluster: Cluster = "scene",
+    jaw: Jaw = "half",
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Evaluation:
+    """Let a detector look at every labelled scene and judge its best grasp.
+
+    Args:
+        detector: Sees colour and depth of the scene, never its mask or labels.
+        scenes: The data set, or a part of it.
+        protocol: Name of a protocol, see `graspmap.metrics.PROTOCOLS`.
+        thresholds: Overlaps at which success is reported.
+        confidence: Confidence of the intervals.
+        cluster: What the intervals take as independent; ``object`` for claims about new objects.
+        jaw: ``half``: the predicted grasp's height is half its width, the field's custom;
+            ``given``: the height that the detector says.
+        seed: Seed of the bootstrap.
+        progress: Called after each scene.
+
+    Raises:
+        InvalidInputError: No scene has a label, a scene lacks what the detector needs (the error
+            names it), or an option is not allowed.
+        FileError: A file of a scene is missing or damaged.
+    """
+    chosen = find_protocol(protocol)
+
+    def predict(index: int) -> Grasps:
+        scene = scenes.read(index)
+        try:
+            found = detector.detect(scene.rgb, scene.depth, top=1, method=chosen.decoding)
+        except InvalidInputError as error:
+            name = f"scene {scene.id} of {scenes.kind}:{scenes.root}: {error.name}"
+            raise InvalidInputError(name, error.found, error.allowed) from error
+        return found.grasps
+
+    return _evaluate(predict, scenes, chosen, thresholds, confidence, cluster, jaw, seed, progress)
+
+
+def evaluate_predictions(
+    predictions: Mapping[str, Grasps],
+    scenes: Scenes,
+    *,
+    known_ids: Collection[str] | None = None,
+    protocol: str | RectangleProtocol = "strict",
+    thresholds: Sequence[float] = THRESHOLDS,
+    confidence: float = 0.95,
+    cluster: Cluster = "scene",
+    jaw: Jaw = "given",
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Evaluation:
+    """Judge grasps that somebody predicted, the first of each scene.
+
+    Args:
+        predictions: Grasps by scene id, best first, as `graspmap.data.read_predictions` gives
+            them: for Jacquard in its 1024 px frame whatever the size of the pictures, for other
+            data sets in pixels of the picture.
+        scenes: The data set, or a part of it.
+        known_ids: Scenes that may be predicted beside those of ``scenes``: the ids of the whole
+            data set where a part of it is judged. Their predictions are left out.
+        protocol: Its way to count; how the grasps were decoded is no longer known.
+        thresholds: Overlaps at which success is reported.
+        confidence: Confidence of the intervals.
+        cluster: What the intervals take as independent.
+        jaw: ``given``: the height that the file says; ``half``: half its width.
+        seed: Seed of the bootstrap.
+        progress: Called after each scene.
+
+    Raises:
+        InvalidInputError: A prediction is for a scene that is not there (the error says which
+            names are near), no scene has a label, or an option is not allowed.
+        FileError: A file of a scene is missing or damaged.
+    """
+    _check_ids(predictions, scenes, known_ids or ())
+    chosen = find_protocol(protocol)
+
+    def predict(index: int) -> Grasps:
+        grasps = predictions.get(scenes.ids[index], Grasps.empty())
+        if scenes.kind == "jacquard" and len(grasps):
+            return _from_jacquard_frame(grasps[0], scenes, index)
+        return grasps
+
+    return _evaluate(predict, scenes, chosen, thresholds, confidence, cluster, jaw, seed, progress)
+
+
+def _evaluate(
+    predict: Callable[[int], Grasps],
+    scenes: Scenes,
+    protocol: RectangleProtocol,
+    thresholds: Sequence[float],
+    confidence: float,
+    cluster: Cluster,
+    jaw: Jaw,
+    seed: int,
+    progress: Progress | None,
+) -> Evaluation:
+    _check_options(cluster, jaw)
+    results, without_labels = [], []
+    for index, name in enumerate(scenes.ids):
+        labels = scenes.read_grasps(index)
+        if labels is None or not len(labels):
+            without_labels.append(name)
+        else:
+            grasp = predict(index)[:1]
+            if jaw == "half":
+                grasp = grasp.replace(height=grasp.width / 2)
+            overlap = best_overlap(grasp, labels, overlap=protocol.overlap)
+            iou = float(overlap[0]) if len(grasp) else 0.0
+            results.append(SceneResult(name, scenes.object_id(index), grasp, iou))
+        if progress is not None:
+            progress(index + 1, len(scenes))
+    data = f"{scenes.kind}:{scenes.root}"
+    if not results:
+        raise InvalidInputError(
+            f"labels of {data}", f"none in {len(scenes)} scenes", "scenes with labelled grasps"
+        )
+    if without_labels:
+        _LOG.warning("%s: %d scenes without labels left out", data, len(without_labels))
+    score = score_rectangles(
+        [result.iou for result in results],
+        rng=np.random.default_rng(seed),
+        thresholds=thresholds,
+        confidence=confidence,
+        groups=_objects(results) if cluster == "object" else None,
+        rule=protocol.rule,
+    )
+    return Evaluation(data, protocol, score, tuple(results), tuple(without_labels), cluster)
+
+
+def _objects(results: Sequence[SceneResult]) -> list[tuple[bool, str]]:
+    """A label for each scene's object; a scene whose object is unknown is one of its own."""
+    return [
+        (False, result.id) if result.object_id is None else (True, result.object_id)
+        for result in results
+    ]
+
+
+def _check_options(cluster: str, jaw: str) -> None:
+    for name, value, allowed in (
+        ("cluster", cluster, ("scene", "object")),
+        ("jaw", jaw, ("half", "given")),
+    ):
+        if value not in allowed:
+            raise InvalidInputError(name, repr(value), ", ".join(allowed))
+
+
+def _check_ids(
+    predictions: Mapping[str, Grasps], scenes: Scenes, known_ids: Collection[str]
+) -> None:
+    """Refuse predictions for scenes that do not exist: they hide a spelling or a wrong folder."""
+    known = {*scenes.ids, *known_ids}
+    unknown = [name for name in predictions if name not in known]
+    if not unknown:
+        return
+    near = difflib.get_close_matches(unknown[0], sorted(known), n=3)
+    hint = f"; nearest to it: {', '.join(near)}" if near else ""
+    raise InvalidInputError(
+        "predicted scenes",
+        f"{len(unknown)} of {len(predictions)} not in {scenes.kind}:{scenes.root}, "
+        f"first {unknown[0]!r}",
+        f"ids of its {len(known)} scenes{hint}",
+    )
+
+
+def _from_jacquard_frame(grasps: Grasps, scenes: Scenes, index: int) -> Grasps:
+    """Grasps of Jacquard's 1024 px frame in pixels of the scene's own picture."""
+    rows, columns = _picture_shape(scenes, index)
+    if rows != columns:
+        raise InvalidInputError(
+            f"picture size of scene {scenes.ids[index]}", f"{columns} x {rows}", "a square"
+        )
+    if rows == JACQUARD_SIDE_PX:
+        return grasps
+    return grasps.transformed(resize(rows / JACQUARD_SIDE_PX))
+
+
+def _picture_shape(scenes: Scenes, index: int) -> tuple[int, int]:
+    """(rows, columns) of a scene, from the first bytes of a PNG where it has one.
+
+    Decoding every picture only to learn its size would take most of the time of an evaluation.
+    """
+    for path in scenes.files(index):
+        if path.suffix.lower() == ".png" and path.is_file():
+            with path.open("rb") as file:
+                start = file.read(24)
+            if start[:8] == b"\x89PNG\r\n\x1a\n" and start[12:16] == b"IHDR":
+                columns, rows = struct.unpack(">II", start[16:])
+                return rows, columns
+    return scenes.read(index).shape

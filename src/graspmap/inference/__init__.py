@@ -1,0 +1,29 @@
+"""Inference: weights files with their cards, and the detector that uses them."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from graspmap.inference.importing import import_weights
+from graspmap.inference.weights import DataCard, WeightsCard, load_weights, save_weights
+
+if TYPE_CHECKING:
+    from graspmap.inference.detector import Detection, Detector
+
+__all__ = [
+    "DataCard",
+    "Detection",
+    "Detector",
+    "WeightsCard",
+    "import_weights",
+    "load_weights",
+    "save_weights",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """`Detector` and `Detection` load at use: whoever only writes weights needs no decoding."""
+    if name not in ("Detection", "Detector"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module("graspmap.inference.detector"), name)

@@ -1,0 +1,265 @@
+"""Detector: pictures in, grasps out.
+
+Letters in shapes: H rows, W columns of the picture; S side of the network's input; N grasps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from graspmap.data.images import (
+    check_depth_m,
+    fill_depth,
+    input_window,
+    region_window,
+    to_input,
+    warp,
+)
+from graspmap.errors import InvalidInputError, UnknownNameError
+from graspmap.geometry.camera import Camera
+from graspmap.geometry.grasps import Grasps
+from graspmap.inference.weights import WeightsCard, load_weights
+from graspmap.maps.find import find_grasps
+from graspmap.maps.grasp_maps import GraspMaps
+from graspmap.networks import GraspNetwork
+
+BACKENDS = ("torch",)
+PATCH_PX = 5
+"""Side of the patch around a grasp's centre whose median depth places the grasp."""
+
+
+@dataclass(frozen=True, eq=False)
+class Detection:
+    """What a detector says about one picture.
+
+    Args:
+        grasps: (N) grasps in pixels of the whole picture, best first.
+        maps: (bins, S, S) grasp maps over the network's input, float32.
+        matrix: (3, 3) map from pixels of the picture to pixels of the input.
+        position_m: (N, 3) grasp centres in the camera's frame (z forward), metres; None without
+            a camera or without depth.
+        width_m: (N,) openings in metres at the depth of the centres; None likewise.
+    """
+
+    grasps: Grasps
+    maps: GraspMaps[NDArray[np.float32]]
+    matrix: NDArray[np.float64]
+    position_m: NDArray[np.float64] | None = None
+    width_m: NDArray[np.float64] | None = None
+
+
+class Detector:
+    """A network with its card, ready to detect grasps in pictures of any size.
+
+    Args:
+        network: The network; it is put into evaluation mode on ``device``.
+        card: What the network expects (channels, input size, width scale).
+        device: A torch device, for example ``"cpu"`` or ``"cuda"``.
+
+    Raises:
+        InvalidInputError: The device is not available.
+    """
+
+    def __init__(self, network: GraspNetwork, card: WeightsCard, *, device: str = "cpu") -> None:
+        try:
+            self._network = network.eval().to(device)
+        except (RuntimeError, AssertionError) as error:
+            raise InvalidInputError("device", repr(device), "a torch device of this machine") from (
+                error
+            )
+        self.card = card
+        self.device = device
+
+    @classmethod
+    def load(cls, weights: Path | str, backend: str = "torch", *, device: str = "cpu") -> Detector:
+        """A detector from a weights file of graspmap.
+
+        Args:
+            weights: A ``.safetensors`` file written by training or by ``graspmap weights import``.
+            backend: What runs the network; ``"torch"``.
+            device: A torch device.
+
+        Raises:
+            WeightsError: The file is missing, damaged or not of graspmap.
+            UnknownNameError: There is no such backend.
+            InvalidInputError: The device is not available.
+        """
+        if backend not in BACKENDS:
+            raise UnknownNameError("backend", backend, BACKENDS)
+        network, card = load_weights(Path(weights))
+        return cls(network, card, device=device)
+
+    def predict(self, inputs: NDArray[np.float32]) -> GraspMaps[NDArray[np.float32]]:
+        """Maps of prepared inputs, as the network gives them.
+
+        Args:
+            inputs: (B, C, S, S) float32, prepared by `graspmap.data.to_input`.
+
+        Returns:
+            (B, bins, S, S) float32 maps; the width is still divided by the width scale.
+        """
+        with torch.inference_mode():
+            maps = self._network(torch.from_numpy(inputs).to(self.device))
+            return GraspMaps(*(m.float().cpu().numpy() for m in maps))
+
+    def detect(
+        self,
+        rgb: NDArray[np.uint8] | None = None,
+        depth: NDArray[np.floating[Any]] | None = None,
+        *,
+        camera: Camera | None = None,
+        top: int = 1,
+        region: Sequence[float] | None = None,
+        mask: NDArray[np.bool_] | None = None,
+        method: Literal["refined", "ggcnn", "orange"] = "refined",
+        threshold: float | None = None,
+        min_distance: float | None = None,
+    ) -> Detection:
+        """The best grasps of one picture.
+
+        Args:
+            rgb: (H, W, 3) uint8, red first; needed by networks that look at colour.
+            depth: (H, W) metres, NaN or 0 where there is none; needed by networks that look at
+                depth, and for grasps in metres.
+            camera: Intrinsics of the picture; gives `position_m` and `width_m`.
+            top: How many grasps at most.
+            region: (x, y, width, height) in pixels: the network looks at the square around it,
+                at its scale, and grasps are centred inside it.
+            mask: (H, W) bool: grasps are centred where it is True.
+            method: Decoding, see `graspmap.find_grasps`.
+            threshold: Least quality; None takes the default of the decoding.
+            min_distance: Least distance between two centres in pixels of the network's input;
+                None takes the default of the decoding.
+
+        Raises:
+            InvalidInputError: A picture is missing or has the wrong shape or unit, the region or
+                the mask leaves nothing, ``top`` is below 1.
+        """
+        if top < 1:
+            raise InvalidInputError("top", top, "1 or more")
+        shape = self._check(rgb, depth, mask, camera)
+        if depth is not None:
+            depth = check_depth_m(depth, "depth")
+        size = self.card.size
+        if region is not None:
+            matrix = region_window(_check_region(region, shape), size)
+        else:
+            matrix = input_window(shape, size, view=self.card.view)
+        inputs = to_input(rgb, depth, self.card.channels, matrix, size)
+        maps = self.predict(inputs[None]).item(0)
+        found = find_grasps(
+            maps,
+            top,
+            width_scale=self.card.width_scale_px,
+            method=method,
+            mask=_allowed(shape, region, mask, matrix, size),
+            threshold=threshold,
+            min_distance=min_distance,
+        )
+        grasps = found.transformed(np.linalg.inv(matrix))
+        position_m, width_m = None, None
+        if camera is not None and depth is not None:
+            position_m, width_m = locate(grasps, depth, camera)
+        return Detection(grasps, maps, matrix, position_m, width_m)
+
+    def _check(
+        self,
+        rgb: NDArray[np.uint8] | None,
+        depth: NDArray[np.floating[Any]] | None,
+        mask: NDArray[np.bool_] | None,
+        camera: Camera | None,
+    ) -> tuple[int, int]:
+        """Size (H, W) that all pictures share."""
+        needed: dict[str, NDArray[Any] | None] = {}
+        if self.card.channels in ("depth", "rgbd"):
+            needed["depth"] = depth
+        if self.card.channels in ("rgb", "rgbd"):
+            needed["rgb"] = rgb
+        for name, image in needed.items():
+            if image is None:
+                raise InvalidInputError(
+                    name, "missing", f"an image: {self.card.network} sees {self.card.channels}"
+                )
+        if rgb is not None and (rgb.dtype != np.uint8 or rgb.ndim != 3 or rgb.shape[2] != 3):
+            raise InvalidInputError("rgb", f"{rgb.dtype} {rgb.shape}", "uint8 (H, W, 3)")
+        if depth is not None and depth.ndim != 2:
+            raise InvalidInputError("shape of depth", depth.shape, "(H, W)")
+        if mask is not None and (mask.dtype != np.bool_ or mask.ndim != 2):
+            raise InvalidInputError("mask", f"{mask.dtype} {mask.shape}", "bool (H, W)")
+        sizes = {
+            name: (int(image.shape[0]), int(image.shape[1]))
+            for name, image in (("rgb", rgb), ("depth", depth), ("mask", mask))
+            if image is not None
+        }
+        if camera is not None:
+            sizes["camera"] = (camera.height, camera.width)
+        if len(set(sizes.values())) != 1:
+            raise InvalidInputError("sizes (rows, columns)", sizes, "equal ones")
+        return next(iter(sizes.values()))
+
+
+def locate(
+    grasps: Grasps, depth_m: NDArray[np.floating[Any]], camera: Camera
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Place grasps in the camera's frame.
+
+    The depth of a grasp is the median over a patch around its centre, so one noisy pixel does not
+    move it; holes are filled first.
+
+    Args:
+        grasps: N grasps, pixels.
+        depth_m: (H, W) metres along z, NaN where there is none.
+        camera: Intrinsics.
+
+    Returns:
+        (N, 3) centres in metres and (N,) openings in metres.
+    """
+    filled = fill_depth(np.asarray(depth_m, dtype=np.float32)) if len(grasps) else depth_m
+    rows, columns = filled.shape
+    half = PATCH_PX // 2
+    z = np.zeros(len(grasps))
+    for i, (x, y) in enumerate(np.rint(grasps.center).astype(int)):
+        x, y = int(np.clip(x, 0, columns - 1)), int(np.clip(y, 0, rows - 1))
+        patch = filled[max(0, y - half) : y + half + 1, max(0, x - half) : x + half + 1]
+        z[i] = np.median(patch)
+    half_opening = grasps.axis() * (grasps.width / 2)[:, None]
+    ends = [camera.deproject(grasps.center + sign * half_opening, z) for sign in (-1, 1)]
+    return camera.deproject(grasps.center, z), np.linalg.norm(ends[1] - ends[0], axis=1)
+
+
+def _check_region(
+    region: Sequence[float], shape: tuple[int, int]
+) -> tuple[float, float, float, float]:
+    values = [float(v) for v in region]
+    if len(values) != 4 or not np.isfinite(values).all() or min(values[2:]) <= 0:
+        raise InvalidInputError("region", region, "x, y, width, height in pixels, sizes above 0")
+    x, y, width, height = values
+    if x >= shape[1] or y >= shape[0] or x + width <= 0 or y + height <= 0:
+        raise InvalidInputError("region", region, f"inside the {shape[1]} x {shape[0]} picture")
+    return x, y, width, height
+
+
+def _allowed(
+    shape: tuple[int, int],
+    region: Sequence[float] | None,
+    mask: NDArray[np.bool_] | None,
+    matrix: NDArray[np.float64],
+    size: int,
+) -> NDArray[np.bool_]:
+    """(size, size) where grasps may be centred: in the picture, the region and the mask."""
+    allowed = np.ones(shape, dtype=bool) if mask is None else mask.copy()
+    if region is not None:
+        x, y, width, height = _check_region(region, shape)
+        rows = np.arange(shape[0])[:, None]
+        columns = np.arange(shape[1])[None, :]
+        allowed &= (rows >= y) & (rows < y + height) & (columns >= x) & (columns < x + width)
+    if not allowed.any():
+        raise InvalidInputError("mask and region", "empty together", "at least one pixel")
+    return warp(allowed, matrix, size, fill=False)

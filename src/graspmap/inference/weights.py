@@ -1,0 +1,267 @@
+"""Weights files: safetensors with a JSON card inside, written and read as one thing.
+
+A weights file says by itself what it is for (network, channels, bins, input size, width scale)
+and where it comes from. It holds numbers and text only, so opening one never runs code.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+import safetensors.torch
+import torch
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
+from safetensors import SafetensorError
+from torch import Tensor
+
+from graspmap import __version__
+from graspmap.data.files import read_bytes, write_bytes
+from graspmap.data.images import Channels, channel_count
+from graspmap.errors import (
+    FileFormatError,
+    GraspmapError,
+    InvalidInputError,
+    WeightsError,
+)
+from graspmap.networks import GraspNetwork, make_network
+
+FORMAT: Final = 1
+"""Version of the card; a newer one is refused rather than misread."""
+
+View = Literal["contain", "cover"] | Annotated[int, Field(ge=1)]
+"""Centre square of a picture that fills the input: a name, or a side in pixels."""
+
+SUFFIX = ".safetensors"
+_CARD_KEY = "graspmap"
+_IMPORT = "turn it into one with: graspmap weights import NETWORK FILE OUT.safetensors"
+_AGAIN = "copy or download it again, or train anew"
+
+
+class DataCard(BaseModel):
+    """What a network was trained on.
+
+    Attributes:
+        source: Data set as ``kind:directory``.
+        split: Name or file of the split.
+        split_hash: Hash of the split's content.
+        store_key: Key of the packed cache, which is a hash over all source files.
+        scenes: Number of scenes by part.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    source: str
+    split: str | None = None
+    split_hash: str | None = None
+    store_key: str | None = None
+    scenes: dict[str, int] = Field(default_factory=dict)
+
+
+class WeightsCard(BaseModel):
+    """What a weights file is for and where it comes from.
+
+    Attributes:
+        format: Version of this card.
+        network: Name of the network, see `graspmap.networks.NETWORKS`.
+        channels: What it sees: ``depth``, ``rgb``, or ``rgbd`` (depth first).
+        bins: Orientation bins.
+        size: Side of the square input, pixels.
+        view: Centre square of a picture that fills the input: ``contain``, ``cover``, or a side
+            in pixels.
+        width_scale_px: Opening in input pixels for which the width map is 1.
+        data: What it was trained on, where known.
+        metrics: Measured figures by name.
+        command: Command that made it, where known.
+        created_by: Program and version that wrote it.
+        notes: Anything else, in words.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    format: Literal[1] = FORMAT
+    network: str
+    channels: Channels
+    bins: int = Field(default=1, ge=1)
+    size: int = Field(default=300, ge=1)
+    view: View = "cover"
+    width_scale_px: float = Field(gt=0, allow_inf_nan=False)
+    data: DataCard | None = None
+    metrics: dict[str, JsonValue] = Field(default_factory=dict)
+    command: str | None = None
+    created_by: str = f"graspmap {__version__}"
+    notes: str = ""
+
+    def make_network(self) -> GraspNetwork:
+        """A network of this card's kind with random weights.
+
+        Raises:
+            UnknownNameError: This version of graspmap has no such network.
+        """
+        return make_network(self.network, channel_count(self.channels), self.bins)
+
+
+def save_weights(path: Path | str, network: GraspNetwork, card: WeightsCard) -> None:
+    """Write a network and its card; a file that exists is replaced in one step.
+
+    The card is stored inside the file, and once more beside it as ``<name>.json`` for people to
+    read; the one inside counts.
+
+    Args:
+        path: File to write; its name ends in ``.safetensors``.
+        network: The network.
+        card: What it is for.
+
+    Raises:
+        InvalidInputError: The card is for another network, channel count or number of bins.
+        FileFormatError: The name ends otherwise.
+        FileError: The disk is full, or writing there is not allowed.
+    """
+    path = Path(path)
+    if path.suffix != SUFFIX:
+        raise FileFormatError(path, "a weights file needs another name", f"end it in {SUFFIX}")
+    if path.is_dir():
+        raise FileFormatError(path, "is a folder", "give the name of a file")
+    found = (network.name, network.channels, network.bins)
+    said = (card.network, channel_count(card.channels), card.bins)
+    if found != said:
+        raise InvalidInputError("card (network, channels, bins)", said, f"the network's {found}")
+    text = card.model_dump_json(indent=2)
+    tensors = {name: t.detach().cpu().contiguous() for name, t in network.state_dict().items()}
+    # A single metadata key: with more, safetensors writes them in an order that changes by run.
+    write_bytes(path, safetensors.torch.save(tensors, {_CARD_KEY: text}))
+    write_bytes(path.with_suffix(".json"), f"{text}\n".encode())
+
+
+def load_weights(path: Path | str) -> tuple[GraspNetwork, WeightsCard]:
+    """Read a weights file of graspmap.
+
+    Args:
+        path: A file written by `save_weights`.
+
+    Returns:
+        The network in evaluation mode, float32, on the CPU, and its card.
+
+    Raises:
+        MissingFileError: There is no such file.
+        WeightsError: It is damaged, is not of graspmap, needs a newer version, or its tensors do
+            not fit the network that its card names.
+    """
+    path = Path(path)
+    content = read_content(path)
+    refuse_pytorch(path, content)
+    tensors, metadata = read_safetensors(path, content)
+    if _CARD_KEY not in metadata:
+        raise WeightsError(path, "holds tensors but no card of graspmap", _IMPORT)
+    card = _read_card(path, metadata[_CARD_KEY])
+    try:
+        network = card.make_network()
+    except GraspmapError as error:
+        raise WeightsError(path, f"its card does not work here ({error})", _AGAIN) from error
+    problems = differences(network.state_dict(), tensors)
+    if problems:
+        raise WeightsError(
+            path,
+            f"does not hold the {card.network} with {card.channels} input and {card.bins} bin(s) "
+            f"that its card names: {'; '.join(problems)}",
+            _AGAIN,
+        )
+    check_numbers(path, tensors)
+    network.load_state_dict(tensors)
+    return network.eval(), card
+
+
+def read_content(path: Path) -> bytes:
+    """The bytes of a weights file (they are small: a few MB).
+
+    Raises:
+        MissingFileError: There is no such file.
+        WeightsError: It is a folder or empty.
+        FileError: It may not be read.
+    """
+    try:
+        return read_bytes(path)
+    except FileFormatError as error:
+        raise WeightsError(path, error.problem, "give a weights file") from error
+
+
+def is_safetensors(content: bytes) -> bool:
+    """Whether the bytes begin as safetensors do: a length below 4 GB, then a JSON object.
+
+    To be asked first: the length may happen to look like the first bytes of another format.
+    """
+    return content[4:9] == b"\0\0\0\0{"
+
+
+def refuse_pytorch(path: Path, content: bytes) -> None:
+    """Raise a `WeightsError` for PyTorch's own formats, which may carry code."""
+    if not is_safetensors(content) and (content[:2] == b"PK" or content[:1] == b"\x80"):
+        raise WeightsError(
+            path, "is a PyTorch or pickle file, not a weights file of graspmap", _IMPORT
+        )
+
+
+def read_safetensors(path: Path, content: bytes) -> tuple[dict[str, Tensor], dict[str, str]]:
+    """Tensors and metadata of a safetensors file.
+
+    Raises:
+        WeightsError: The bytes are not whole safetensors.
+    """
+    if not is_safetensors(content):
+        raise WeightsError(path, "is not a safetensors file", "give a weights file of graspmap")
+    try:
+        tensors = safetensors.torch.load(content)
+        # safetensors has checked the header by now; it does not hand out its metadata.
+        length = int.from_bytes(content[:8], "little")
+        metadata = json.loads(content[8 : 8 + length]).get("__metadata__") or {}
+    except (SafetensorError, ValueError, KeyError) as error:
+        raise WeightsError(path, f"is cut short or damaged ({error})", _AGAIN) from error
+    return tensors, metadata
+
+
+def differences(expected: dict[str, Tensor], found: dict[str, Tensor], most: int = 4) -> list[str]:
+    """What distinguishes two sets of tensors in names and shapes, in words, ``most`` at most."""
+    lines = [
+        f"{name} is missing"
+        if name not in found
+        else f"{name} is {tuple(found[name].shape)} instead of {tuple(tensor.shape)}"
+        for name, tensor in expected.items()
+        if name not in found or found[name].shape != tensor.shape
+    ]
+    lines += [f"{name} is unknown" for name in found if name not in expected]
+    return lines if len(lines) <= most else [*lines[:most], f"and {len(lines) - most} more"]
+
+
+def check_numbers(path: Path, tensors: dict[str, Tensor]) -> None:
+    """Raise a `WeightsError` unless all tensors hold finite floating-point numbers."""
+    for name, tensor in tensors.items():
+        if not tensor.is_floating_point() or tensor.layout != torch.strided:
+            raise WeightsError(
+                path,
+                f"{name} is of type {tensor.dtype} in layout {tensor.layout}",
+                "give a file with dense floating-point tensors",
+            )
+        if not bool(tensor.isfinite().all()):
+            raise WeightsError(
+                path, f"{name} holds NaN or infinite numbers", "train anew with a lower rate"
+            )
+
+
+def _read_card(path: Path, text: str) -> WeightsCard:
+    try:
+        version = json.loads(text)["format"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise WeightsError(path, "its card is damaged", _AGAIN) from error
+    if version != FORMAT:
+        raise WeightsError(
+            path,
+            f"its card has format {version}, this graspmap ({__version__}) reads {FORMAT}",
+            "install the version of graspmap that wrote it, or a newer one",
+        )
+    try:
+        return WeightsCard.model_validate_json(text)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"]) or "card"
+        raise WeightsError(path, f"its card is wrong at {key}: {first['msg']}", _AGAIN) from error

@@ -1,0 +1,226 @@
+"""Compiled loops of `graspmap.maps.find`; imported at the first decoding, never before.
+
+Letters in shapes: N orientation bins, (H, W) image, P pixels of one plateau. ``maps`` is
+(4, N, H, W): quality, cos, sin, width.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from graspmap.maps._draw_kernel import row_spans
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Bools = NDArray[np.bool_]
+
+SAME_ANGLE = math.cos(2 * math.radians(5.0))
+"""Pixels of one plateau have grasp angles within 5 degrees of the one at its seed."""
+FILLED = 0.9
+"""Part of the box around a plateau that its pixels fill if it is a drawn region."""
+SAME_WIDTH = 0.1
+"""Pixels of one plateau have openings within this part of the one at its seed, or 1 pixel."""
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def local_values(
+    quality: Singles, others: tuple[Singles, Singles, Singles], y: int, x: int, sigmas: Any
+) -> Any:
+    """Mean of cos, sin and width around a pixel, weighted by quality and a Gaussian.
+
+    Weighting by quality keeps out the pixels that show no grasp, whose values mean nothing.
+
+    Args:
+        quality: (H, W).
+        others: cos, sin and width, (H, W) each.
+        y: Row.
+        x: Column.
+        sigmas: Standard deviations for the angle and for the width, pixels; 0 takes the pixel's
+            own value.
+
+    Returns:
+        cos, sin, width, each a mean; and the agreement of the angles, |mean| / mean of |.|: 1
+        where all agree, near 0 where they cancel. NaN where there is no quality nearby.
+    """
+    rows, columns = quality.shape
+    cos, sin, width = others
+    total_a = total_w = sum_c = sum_s = sum_w = length = 0.0
+    reach = math.ceil(3.0 * max(sigmas[0], sigmas[1]))
+    scale_a = 0.5 / max(sigmas[0], 1e-3) ** 2
+    scale_w = 0.5 / max(sigmas[1], 1e-3) ** 2
+    for row in range(max(y - reach, 0), min(y + reach + 1, rows)):
+        for column in range(max(x - reach, 0), min(x + reach + 1, columns)):
+            q = float(quality[row, column])
+            if q <= 0.0:
+                continue
+            d = (row - y) ** 2 + (column - x) ** 2
+            weight = q * math.exp(-d * scale_a)
+            c, s = float(cos[row, column]), float(sin[row, column])
+            total_a += weight
+            sum_c += weight * c
+            sum_s += weight * s
+            length += weight * math.hypot(c, s)
+            weight = q * math.exp(-d * scale_w)
+            total_w += weight
+            sum_w += weight * width[row, column]
+    if total_a <= 0.0 or total_w <= 0.0:
+        return np.nan, np.nan, np.nan, np.nan
+    agreement = math.hypot(sum_c, sum_s) / max(length, 1e-300)
+    return sum_c / total_a, sum_s / total_a, sum_w / total_w, agreement
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def strongest_near(quality: Singles, y: int, x: int, reach: int) -> Any:
+    """Row and column of the greatest quality within ``reach`` pixels; of equals the nearest."""
+    rows, columns = quality.shape
+    best_y, best_x, best_d = y, x, 0
+    for row in range(max(y - reach, 0), min(y + reach + 1, rows)):
+        for column in range(max(x - reach, 0), min(x + reach + 1, columns)):
+            d = (row - y) ** 2 + (column - x) ** 2
+            q, best = quality[row, column], quality[best_y, best_x]
+            if q > best or (q == best and d < best_d):
+                best_y, best_x, best_d = row, column, d
+    return best_y, best_x
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def belongs(
+    quality: Singles, others: tuple[Singles, Singles, Singles], row: int, column: int, seed: Any
+) -> bool:
+    """Whether a pixel shows the seed's grasp: enough quality, the same angle and width."""
+    level, c, s, w, slack = seed
+    if not quality[row, column] >= level:
+        return False
+    cos, sin = float(others[0][row, column]), float(others[1][row, column])
+    dot = cos * c + sin * s
+    if dot < 0.0 or dot * dot < SAME_ANGLE**2 * (cos * cos + sin * sin) * (c * c + s * s):
+        return False
+    return abs(float(others[2][row, column]) - w) <= slack
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def plateau(
+    quality: Singles,
+    others: tuple[Singles, Singles, Singles],
+    allowed: Bools,
+    taken: Bools,
+    y: int,
+    x: int,
+    seed: Any,
+    pixels: NDArray[np.int32],
+) -> int:
+    """Collect the connected pixels around (y, x) that show one and the same grasp.
+
+    Args:
+        quality: (H, W).
+        others: cos, sin and width, (H, W) each.
+        allowed: (H, W) where centres may lie.
+        taken: (H, W) in and out: pixels of earlier plateaus; those of this one are added.
+        y: Row of the seed.
+        x: Column of the seed.
+        seed: Least quality, cos, sin, width, and the difference of width that is still the same.
+        pixels: (H W, 2) out: (x, y) of the plateau's pixels in its first rows.
+
+    Returns:
+        Number P of pixels; 0 when the seed itself does not belong.
+    """
+    rows, columns = quality.shape
+    if taken[y, x] or not allowed[y, x] or not belongs(quality, others, y, x, seed):
+        return 0
+    taken[y, x] = True
+    pixels[0, 0], pixels[0, 1] = x, y
+    count, done = 1, 0
+    while done < count:
+        column, row = pixels[done]
+        done += 1
+        for r in range(max(row - 1, 0), min(row + 2, rows)):
+            for c in range(max(column - 1, 0), min(column + 2, columns)):
+                if taken[r, c] or not allowed[r, c]:
+                    continue
+                if belongs(quality, others, r, c, seed):
+                    taken[r, c] = True
+                    pixels[count, 0], pixels[count, 1] = c, r
+                    count += 1
+    return count
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def middle(pixels: NDArray[np.int32], allowed: Bools, c: float, s: float) -> Any:
+    """Middle of a plateau, as x, y.
+
+    A plateau that fills the box around it in the grasp's frame is a drawn region; then the middle
+    of the box is right to half a pixel, whereas the mean of the pixels is not: a slightly tilted
+    narrow strip has more pixels in a row at one end than at the other. Other plateaus take the
+    mean, or the pixel nearest it where that lies beside the plateau.
+
+    Args:
+        pixels: (P, 2) as (x, y).
+        allowed: (H, W) where centres may lie.
+        c: cos a of the grasp's angle.
+        s: sin a of the grasp's angle.
+    """
+    count = len(pixels)
+    x = y = 0.0
+    low_u = low_v = np.inf
+    high_u = high_v = -np.inf
+    for i in range(count):
+        px, py = float(pixels[i, 0]), float(pixels[i, 1])
+        u, v = c * px - s * py, s * px + c * py
+        low_u, high_u = min(low_u, u), max(high_u, u)
+        low_v, high_v = min(low_v, v), max(high_v, v)
+        x, y = x + px / count, y + py / count
+    u, v = (low_u + high_u) / 2, (low_v + high_v) / 2
+    box = np.array([c * u + s * v, c * v - s * u, c, s, (high_u - low_u) / 2, (high_v - low_v) / 2])
+    if count >= FILLED * _pixels_in(box, allowed.shape):
+        return box[0], box[1]
+    best, least = 0, np.inf
+    for i in range(count):
+        d = (pixels[i, 0] - x) ** 2 + (pixels[i, 1] - y) ** 2
+        if d < least:
+            best, least = i, d
+    if least > 1.0 or not allowed[math.floor(y + 0.5), math.floor(x + 0.5)]:
+        return float(pixels[best, 0]), float(pixels[best, 1])
+    return x, y
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _pixels_in(region: Floats, shape: tuple[int, int]) -> int:
+    """Number of pixels of the image in a region, which is (6,) as in `row_spans`."""
+    start, stop = np.empty(shape[0], np.int32), np.empty(shape[0], np.int32)
+    first, last = row_spans(region, shape, start, stop)
+    count = 0
+    for row in range(first, last):
+        count += max(stop[row] - start[row], 0)
+    return count
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def gaussian_sums(quality: Singles, pixels: NDArray[np.int32], frame: Any) -> Any:
+    """Normal equations of the fit log q = p0 + p1 s + p2 s^2 + p3 t + p4 t^2.
+
+    Args:
+        quality: (H, W), positive at the pixels.
+        pixels: (P, 2) as (x, y).
+        frame: Origin x, origin y, cos a, sin a, unit of length in pixels: s runs along the
+            opening, t along the jaw.
+
+    Returns:
+        (6, 6) sums of products of (1, s, s^2, t, t^2, log q).
+    """
+    x, y, c, s, unit = frame
+    sums = np.zeros((6, 6))
+    row = np.empty(6)
+    for i in range(len(pixels)):
+        dx, dy = (pixels[i, 0] - x) / unit, (pixels[i, 1] - y) / unit
+        u, v = c * dx - s * dy, s * dx + c * dy
+        row[0], row[1], row[2], row[3], row[4] = 1.0, u, u * u, v, v * v
+        row[5] = math.log(quality[pixels[i, 1], pixels[i, 0]])
+        for j in range(6):
+            for k in range(6):
+                sums[j, k] += row[j] * row[k]
+    return sums

@@ -1,0 +1,45 @@
+"""The networks by name: a new network is one file, and one line here."""
+
+from __future__ import annotations
+
+import torch
+
+from graspmap.errors import UnknownNameError
+from graspmap.networks.base import GraspNetwork
+from graspmap.networks.ggcnn import GGCNN, GGCNN2, GGCNN2Bilinear
+
+NETWORKS: dict[str, type[GraspNetwork]] = {
+    network.name: network
+    for network in (
+        GGCNN,
+        GGCNN2,
+        GGCNN2Bilinear,
+    )
+}
+"""Network classes by name; each is called with (channels, bins)."""
+
+
+def make_network(
+    name: str, channels: int, bins: int = 1, *, generator: torch.Generator | None = None
+) -> GraspNetwork:
+    """A fresh network with random weights.
+
+    Args:
+        name: One of `NETWORKS`.
+        channels: Input channels: 1 depth, 3 colour, 4 depth and colour.
+        bins: Orientation bins.
+        generator: Source of the weights, on the CPU; PyTorch's global one where None.
+
+    Returns:
+        The network, in training mode, float32, on the CPU.
+
+    Raises:
+        UnknownNameError: There is no network of that name.
+        InvalidInputError: channels or bins are below 1.
+    """
+    if name not in NETWORKS:
+        raise UnknownNameError("network", name, NETWORKS)
+    network = NETWORKS[name](channels, bins)
+    if generator is not None:
+        network.reset_parameters(generator)
+    return network

@@ -1,0 +1,20 @@
+"""Pictures for people: grasps drawn on images, maps and depth in colour, sheets of many.
+
+All pictures are (H, W, 3) uint8 RGB arrays; OpenCV loads at the first one.
+"""
+
+from graspmap.pictures.draw import draw_grasps, encode, write_text
+from graspmap.pictures.fields import color_bar, depth_picture, map_picture
+from graspmap.pictures.sheet import Tile, contact_sheet, overlay
+
+__all__ = [
+    "Tile",
+    "color_bar",
+    "contact_sheet",
+    "depth_picture",
+    "draw_grasps",
+    "encode",
+    "map_picture",
+    "overlay",
+    "write_text",
+]

@@ -1,0 +1,270 @@
+"""The experiment: everything that decides a training run, as one strict YAML file.
+
+A wrong key is an error that names the nearest right one, a wrong value one that says what is
+allowed. Flags of the command line are the same keys, dotted: ``--training.epochs 10``.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from graspmap.errors import storage_errors
+
+Positive = Annotated[int, Field(ge=1)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
+PositiveFloat = Annotated[float, Field(gt=0)]
+Zoom = Annotated[float, Field(ge=0.05, le=20)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class NetworkSection(_Section):
+    """Which network, and what it sees.
+
+    Attributes:
+        name: Name in `graspmap.networks.NETWORKS`.
+        channels: Pictures it looks at.
+        bins: Orientation bins N; each head has N channels.
+    """
+
+    name: str = "ggcnn2"
+    channels: Literal["depth", "rgb", "rgbd"] = "depth"
+    bins: Positive = 1
+
+
+class SplitSection(_Section):
+    """Which scenes are trained on, chosen with, and tested once.
+
+    Attributes:
+        by: ``"object"`` keeps all scenes of an object in one part; ``"image"`` does not.
+        seed: Seed of the shuffle; null takes the experiment's.
+        train: Share of the scenes to train on.
+        validation: Share that chooses the best epoch and steers the learning rate.
+        test: Share that is looked at once, at the end.
+        folds: Number k of folds in place of the shares for training and test, or null.
+        fold: Which of the k folds is the test part, 0 to k - 1.
+        file: A split file to use in place of all the above, or null.
+    """
+
+    by: Literal["object", "image"] = "object"
+    seed: Annotated[int, Field(ge=0)] | None = None
+    train: Fraction = 0.8
+    validation: Fraction = 0.1
+    test: Fraction = 0.1
+    folds: Annotated[int, Field(ge=2)] | None = None
+    fold: Annotated[int, Field(ge=0)] = 0
+    file: str | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> SplitSection:
+        total = self.train + self.validation + self.test
+        if self.folds is None and not math.isclose(total, 1.0, abs_tol=1e-6):
+            raise ValueError(
+                f"allowed: shares train, validation, test that are 1 in sum, not {total:g}"
+            )
+        if self.folds is not None and self.fold >= self.folds:
+            raise ValueError(f"allowed: fold from 0 to {self.folds - 1}, not {self.fold}")
+        return self
+
+
+class AugmentSection(_Section):
+    """How a training picture is moved; the grasps move with it.
+
+    Attributes:
+        rotation: Any angle, multiples of 90 degrees, or none.
+        zoom: Share of the picture's side that fills the frame, drawn from (low, high).
+        flip: Whether half of the pictures are mirrored.
+        shift: Greatest shift, as a share of the picture's side.
+    """
+
+    rotation: Literal["any", "quarter", "none"] = "any"
+    zoom: tuple[Zoom, Zoom] = (0.5, 1.0)
+    flip: bool = False
+    shift: Annotated[float, Field(ge=0, le=1)] = 0.0
+
+    @model_validator(mode="after")
+    def _check(self) -> AugmentSection:
+        if self.zoom[0] > self.zoom[1]:
+            raise ValueError(f"allowed: zoom [low, high] in this order, not {list(self.zoom)}")
+        return self
+
+
+class DataSection(_Section):
+    """Where the scenes are and how they become the network's input.
+
+    Attributes:
+        source: ``kind:directory``; a relative directory is seen from the working directory.
+        depth: Which of the depths that the kind offers, or null for its default.
+        size: Side of the input, pixels.
+        view: Centre window of the picture that fills the input: its longer side
+            (``"contain"``), its shorter side (``"cover"``), or so many pixels.
+        split: See `SplitSection`.
+        augment: See `AugmentSection`; training part only.
+        cache_dir: Folder of the packed cache; null takes ``$GRASPMAP_CACHE`` or the user's cache
+            folder.
+    """
+
+    source: str
+    depth: Literal["perfect", "stereo", "z", "range"] | None = None
+    size: Annotated[int, Field(ge=16, le=4096)] = 300
+    view: Literal["contain", "cover"] | Positive = "contain"
+    split: SplitSection = SplitSection()
+    augment: AugmentSection = AugmentSection()
+    cache_dir: str | None = None
+
+
+class MapsSection(_Section):
+    """How the target maps are drawn; see `graspmap.maps.draw_maps`.
+
+    Attributes:
+        quality: Kind of quality target.
+        drop_off: Relative drop-off g of the Gaussian.
+        overlap: Which grasp gives angle and width where several overlap.
+        gaussian: Frame in which the Gaussian is drawn.
+        background: Angle and width outside all grasps.
+        width_scale: Opening in input pixels that the width map shows as 1; ``"data"`` takes the
+            greatest one labelled in the training part.
+    """
+
+    quality: Literal["binary", "soft", "strong"] = "binary"
+    drop_off: PositiveFloat = 2.0
+    overlap: Literal["best", "published"] = "best"
+    gaussian: Literal["grasp", "published"] = "grasp"
+    background: Literal["zero", "published"] = "zero"
+    width_scale: Literal["data"] | PositiveFloat = "data"
+
+
+class LossSection(_Section):
+    """What is minimised; see `graspmap.losses.GraspLoss`.
+
+    Attributes:
+        base: Error of one pixel.
+        positional: Whether, and how, angle and width count only where grasps are.
+    """
+
+    base: Literal["mse", "smooth_l1"] = "mse"
+    positional: Literal["none", "inside", "outside", "normalised"] = "inside"
+
+
+class OptimiserSection(_Section):
+    """How the weights move.
+
+    Attributes:
+        name: Optimiser.
+        learning_rate: Its first learning rate.
+        weight_decay: Its weight decay.
+    """
+
+    name: Literal["adam", "adamw", "sgd"] = "adam"
+    learning_rate: PositiveFloat = 1e-3
+    weight_decay: Annotated[float, Field(ge=0)] = 0.0
+
+
+class ScheduleSection(_Section):
+    """How the learning rate falls.
+
+    Attributes:
+        kind: ``"plateau"`` cuts it when validation no longer improves; ``"none"`` never.
+        monitor: What has to improve: the validation loss or its rectangle success.
+        factor: A cut multiplies the learning rate by this.
+        patience: Epochs without improvement that are let pass before a cut.
+        stop_after_cuts: Training ends instead of making cut number ``stop_after_cuts + 1``; null
+            never ends it.
+    """
+
+    kind: Literal["plateau", "none"] = "plateau"
+    monitor: Literal["loss", "success"] = "loss"
+    factor: Annotated[float, Field(gt=0, lt=1)] = 0.3
+    patience: Annotated[int, Field(ge=0)] = 3
+    stop_after_cuts: Positive | None = None
+
+
+class TrainingSection(_Section):
+    """How long and on what.
+
+    Attributes:
+        epochs: Greatest number of epochs; 0 writes the untrained network.
+        batch_size: Pictures a step.
+        batches_per_epoch: Steps an epoch; null goes once over the training part.
+        precision: ``"32"``, or mixed ``"bf16"`` or ``"16"`` (the last needs a CUDA device).
+        workers: Processes that prepare pictures; 0 prepares them in the main process.
+        early_stopping_patience: Epochs without a better validation success before training ends;
+            null never ends it.
+        checkpoint_minutes: Minutes after which the state is also saved inside an epoch.
+        device: ``"auto"`` takes a CUDA device where there is one.
+    """
+
+    epochs: Annotated[int, Field(ge=0)] = 40
+    batch_size: Positive = 8
+    batches_per_epoch: Positive | None = None
+    precision: Literal["32", "bf16", "16"] = "32"
+    workers: Annotated[int, Field(ge=0)] = 0
+    early_stopping_patience: Positive | None = None
+    checkpoint_minutes: Annotated[float, Field(ge=0)] = 5.0
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+
+
+class Experiment(_Section):
+    """Everything that decides a training run; see the sections.
+
+    Attributes:
+        name: Name of the run, for the log and the card.
+        seed: Seed of the weights, the order and the augmentation.
+        network: See `NetworkSection`.
+        data: See `DataSection`.
+        maps: See `MapsSection`.
+        loss: See `LossSection`.
+        optimiser: See `OptimiserSection`.
+        schedule: See `ScheduleSection`.
+        training: See `TrainingSection`.
+    """
+
+    name: Annotated[str, Field(min_length=1)] = "graspmap"
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    network: NetworkSection = NetworkSection()
+    data: DataSection
+    maps: MapsSection = MapsSection()
+    loss: LossSection = LossSection()
+    optimiser: OptimiserSection = OptimiserSection()
+    schedule: ScheduleSection = ScheduleSection()
+    training: TrainingSection = TrainingSection()
+
+    def flat(self) -> dict[str, Any]:
+        """Every value by its dotted key, for example ``{"training.epochs": 40, ...}``."""
+        return dict(_flatten(self.model_dump(mode="json")))
+
+    def to_yaml(self) -> str:
+        """The experiment as YAML text that `read_experiment` reads back to an equal value."""
+        return yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
+
+    def write(self, path: Path | str) -> None:
+        """Write `to_yaml` to ``path``, whole or not at all.
+
+        Raises:
+            StorageFullError: The disk is full.
+        """
+        target = Path(path)
+        part = target.with_name(f".{target.name}.part-{os.getpid()}")
+        with storage_errors(target):
+            try:
+                part.write_text(self.to_yaml(), encoding="utf-8")
+                part.replace(target)
+            finally:
+                part.unlink(missing_ok=True)
+
+
+def _flatten(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in values.items():
+        if isinstance(value, dict):
+            yield from _flatten(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value

@@ -1,0 +1,217 @@
+"""Reading an experiment file: strict YAML, flags over it, and errors that say what is right."""
+
+from __future__ import annotations
+
+import difflib
+import io
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from graspmap.errors import ConfigError, FileFormatError, MissingFileError
+from graspmap.training.experiment import Experiment
+
+COMMAND_LINE = "command line"
+"""Stands for the file in errors about a flag."""
+
+
+def read_experiment(
+    path: Path | str, overrides: Mapping[str, Any] | Sequence[str] = ()
+) -> Experiment:
+    """Read an experiment file.
+
+    Args:
+        path: YAML file.
+        overrides: Values that replace those of the file: by dotted key, or the flags of a command
+            line such as ``["--training.epochs", "10"]``.
+
+    Raises:
+        MissingFileError: There is no such file.
+        FileFormatError: The file is no YAML mapping.
+        ConfigError: A key or a value is wrong; the error names the nearest key, or what is
+            allowed.
+    """
+    file = Path(path)
+    try:
+        text = file.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise MissingFileError(
+            file, "no such experiment file", "check the path, or start from one in experiments/"
+        ) from error
+    except (UnicodeDecodeError, OSError) as error:
+        raise FileFormatError(
+            file, f"not readable as text ({error})", "give a YAML file"
+        ) from error
+    values = _load(text, file)
+    if not isinstance(values, dict):
+        raise FileFormatError(
+            file, "holds no mapping", "give a YAML file of sections such as in experiments/"
+        )
+    if not isinstance(overrides, Mapping):
+        overrides = parse_overrides(overrides)
+    for key, value in overrides.items():
+        _set(values, key, value)
+    return _validate(values, file, frozenset(overrides))
+
+
+def parse_overrides(flags: Sequence[str]) -> dict[str, Any]:
+    """Turn ``["--training.epochs", "10", "--data.size=224"]`` into values by dotted key.
+
+    Values are YAML: ``null``, ``true``, ``1e-3``, ``[0.5, 1.0]``; anything else is text.
+
+    Raises:
+        ConfigError: A flag does not start with ``--``, has no value, or is given twice.
+    """
+    values: dict[str, Any] = {}
+    rest = iter(flags)
+    for flag in rest:
+        if not flag.startswith("--") or len(flag) < 3:
+            raise ConfigError(
+                COMMAND_LINE, flag, "is no flag", "write experiment values as --section.key value"
+            )
+        key, equals, text = flag[2:].partition("=")
+        key = key.replace("-", "_")
+        if not equals:
+            text = next(rest, "--")
+            if text.startswith("--"):
+                raise ConfigError(COMMAND_LINE, f"--{key}", "has no value", "write --key value")
+        if key in values:
+            raise ConfigError(COMMAND_LINE, f"--{key}", "is given twice", "give it once")
+        values[key] = _load(text, COMMAND_LINE, f"--{key}")
+    return values
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML 1.2's idea of scalars (1e-3 is a number, `off` and `no` are text); no double keys."""
+
+
+_Loader.yaml_implicit_resolvers = {}
+for _tag, _pattern, _first in (
+    ("null", r"null|Null|NULL|~|", [*"nN~", ""]),
+    ("bool", r"true|True|TRUE|false|False|FALSE", [*"tTfF"]),
+    ("int", r"[-+]?[0-9]+", [*"-+0123456789"]),
+    (
+        "float",
+        r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
+        [*"-+.0123456789"],
+    ),
+):
+    _Loader.add_implicit_resolver(
+        f"tag:yaml.org,2002:{_tag}", re.compile(f"^(?:{_pattern})$"), _first
+    )
+
+
+def _integer(loader: _Loader, node: yaml.ScalarNode) -> int:
+    # The inherited constructor reads 010 as eight.
+    return int(str(loader.construct_scalar(node)))
+
+
+def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
+    seen: dict[Any, int] = {}
+    for key_node, _ in node.value:
+        key = loader.construct_object(key_node, deep=True)  # type: ignore[no-untyped-call]
+        line = key_node.start_mark.line + 1
+        if not isinstance(key, str):
+            raise yaml.constructor.ConstructorError(
+                None, None, f"key {key!r} is no text", key_node.start_mark
+            )
+        if key in seen:
+            raise yaml.constructor.ConstructorError(
+                None, None, f"key {key!r} is already in line {seen[key]}", key_node.start_mark
+            )
+        seen[key] = line
+    return loader.construct_mapping(node, deep=True)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _integer)
+_Loader.add_constructor("tag:yaml.org,2002:map", _mapping)
+
+
+def _load(text: str, path: Path | str, key: str | None = None) -> Any:
+    try:
+        return yaml.load(io.StringIO(text), Loader=_Loader)  # a SafeLoader
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"line {mark.line + 1}: " if mark is not None else ""
+        problem = f"{where}{getattr(error, 'problem', None) or error}"
+        if key is not None:
+            raise ConfigError(path, key, f"no YAML value ({problem})", "quote the text") from error
+        raise FileFormatError(path, f"no YAML ({problem})", "mend that line") from error
+
+
+def _set(values: dict[str, Any], key: str, value: Any) -> None:
+    """Put ``value`` at a dotted key, making the sections on the way."""
+    *sections, last = key.split(".")
+    for section in sections:
+        inner = values.get(section)
+        if not isinstance(inner, dict):
+            inner = values[section] = {}
+        values = inner
+    values[last] = value
+
+
+def _keys(model: type[BaseModel] = Experiment, prefix: str = "") -> Iterator[str]:
+    """Every dotted key, sections too."""
+    for name, info in model.model_fields.items():
+        yield f"{prefix}{name}"
+        if isinstance(info.annotation, type) and issubclass(info.annotation, BaseModel):
+            yield from _keys(info.annotation, f"{prefix}{name}.")
+
+
+def _validate(values: dict[str, Any], path: Path, overridden: frozenset[str]) -> Experiment:
+    try:
+        # The JSON door of the strict mode takes lists where tuples are wanted and nothing else.
+        return Experiment.model_validate_json(json.dumps(values))
+    except ValidationError as error:
+        raise _config_error(error, path, overridden) from None
+
+
+def _config_error(error: ValidationError, path: Path, overridden: frozenset[str]) -> ConfigError:
+    """The first wrong key (or else value) of a failed validation, as one line."""
+    known = set(_keys())
+    issues = error.errors(include_url=False, include_context=False)
+    issue = next((i for i in issues if i["type"] == "extra_forbidden"), issues[0])
+    parts = [str(part) for part in issue["loc"]]
+    where: Path | str = path
+    if issue["type"] == "extra_forbidden":
+        key = ".".join(parts)
+        problem, remedy = "no such key", _nearest(key, known)
+    else:
+        # A union adds the name of its branch to the place; the key ends before it.
+        while len(parts) > 1 and ".".join(parts) not in known:
+            parts.pop()
+        key = ".".join(parts) or "the file"
+        same = [i for i in issues if ".".join(map(str, i["loc"])).startswith(key)]
+        if issue["type"] == "missing":
+            problem, remedy = "is missing", f"add it, or pass --{key} VALUE"
+        else:
+            problem = f"is {_short(issue['input'])}"
+            remedy = "allowed: " + " or ".join(dict.fromkeys(_allowed(i["msg"]) for i in same))
+    if any(key == flag or flag.startswith(f"{key}.") for flag in overridden):
+        where, key = COMMAND_LINE, f"--{key}"
+    return ConfigError(where, key, problem, remedy)
+
+
+def _nearest(key: str, known: set[str]) -> str:
+    """What the user may have meant by an unknown key, or the keys of its section."""
+    section, _, last = key.rpartition(".")
+    siblings = {k.rpartition(".")[2]: k for k in sorted(known) if k.rpartition(".")[0] == section}
+    near = [siblings[name] for name in difflib.get_close_matches(last, siblings, n=1)]
+    # The right key in the wrong section, or a misspelling of it.
+    near = near or [k for k in sorted(known) if k.rpartition(".")[2] == last]
+    near = near or difflib.get_close_matches(key, sorted(known), n=1, cutoff=0.85)
+    return f"did you mean {near[0]}?" if near else f"allowed here: {', '.join(siblings)}"
+
+
+def _allowed(message: str) -> str:
+    return re.sub(r"^(Input should be|Value error, allowed:) ", "", message)
+
+
+def _short(value: Any) -> str:
+    text = repr(value) if not isinstance(value, dict) else "{" + ", ".join(map(str, value)) + "}"
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,212 @@
+"""The detector: frames, regions, metres, and other people's weights on real pictures."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from graspmap import Camera, Detector, Grasps, GraspMaps, draw_maps
+from graspmap.errors import InvalidInputError, UnknownNameError
+from graspmap.inference import WeightsCard, import_weights, save_weights
+from graspmap.inference.detector import locate
+from graspmap.networks import GraspNetwork, make_network
+
+SIZE = 96
+
+
+class Oracle(GraspNetwork):
+    """A network that answers with the maps of known grasps, whatever it sees."""
+
+    name = "oracle"
+
+    def __init__(self, grasps: Grasps) -> None:
+        super().__init__(1, 1)
+        self.seen: torch.Tensor | None = None
+        self._maps = draw_maps(grasps, (SIZE, SIZE), quality="strong", width_scale=50.0)
+
+    def forward(self, x):
+        self.seen = x
+        return GraspMaps(*(torch.from_numpy(m)[None] for m in self._maps))
+
+
+def detector_of(*grasps: tuple[float, float, float, float]) -> Detector:
+    rows = np.array(grasps, dtype=float)
+    network = Oracle(Grasps(rows[:, :2], rows[:, 2], rows[:, 3], rows[:, 3] / 2))
+    card = WeightsCard(
+        network="ggcnn2", channels="depth", bins=1, size=SIZE, view="contain", width_scale_px=50.0
+    )
+    return Detector(network, card)
+
+
+def table(rows: int = 200, columns: int = 320) -> np.ndarray:
+    y, x = np.mgrid[0:rows, 0:columns]
+    return (0.8 + 1e-4 * x + 2e-4 * y).astype(np.float32)
+
+
+def test_grasps_come_back_in_pixels_of_the_picture():
+    found = detector_of((40.0, 50.0, 0.5, 20.0)).detect(depth=table())
+    scale = 320 / SIZE  # the longer side fills the input, the picture sits in its middle
+    expected = ((40 + 0.5) * scale - 0.5, (50 + 0.5 - SIZE / 2) * scale + 100 - 0.5)
+    assert found.grasps.center[0] == pytest.approx(expected, abs=0.5 * scale)
+    assert found.grasps.angle[0] == pytest.approx(0.5, abs=math.radians(1))
+    assert found.grasps.width[0] == pytest.approx(20 * scale, abs=scale)
+    assert found.position_m is None
+
+
+def test_top_and_order():
+    found = detector_of((20.0, 40.0, 0.0, 20.0), (70.0, 50.0, 1.0, 30.0)).detect(
+        depth=table(), top=5
+    )
+    assert len(found.grasps) == 2
+    assert (np.diff(found.grasps.quality) <= 0).all()
+
+
+def test_region_sets_the_scale_and_keeps_centres_inside():
+    detector = detector_of((48.0, 48.0, 0.0, 20.0), (90.0, 48.0, 0.0, 20.0))
+    found = detector.detect(depth=table(), region=(100, 60, 48, 96), top=5)
+    # The window is the 96 px square around the region: scale 1, and only the first grasp is inside.
+    assert len(found.grasps) == 1
+    assert found.grasps.center[0] == pytest.approx((124, 108), abs=0.6)
+    assert found.grasps.width[0] == pytest.approx(20, abs=1)
+
+
+def test_mask_keeps_centres_on_it():
+    mask = np.zeros((200, 320), bool)
+    mask[:, 200:] = True
+    found = detector_of((20.0, 40.0, 0.0, 20.0), (70.0, 50.0, 1.0, 30.0)).detect(
+        depth=table(), mask=mask, top=5
+    )
+    assert len(found.grasps) == 1
+    assert found.grasps.center[0, 0] >= 199.5
+
+
+def test_grasps_outside_the_picture_are_never_returned():
+    # The picture is 200 of 320 rows: input row 5 lies above it.
+    detector = detector_of((40.0, 5.0, 0.0, 20.0))
+    assert len(detector.detect(depth=table(), threshold=0.2).grasps) == 0
+    assert (detector.detect(depth=table(), top=9).grasps.center[:, 1] >= -0.5).all()
+
+
+def test_metres_against_a_closed_form():
+    camera = Camera(fx=400.0, fy=400.0, cx=159.5, cy=99.5, width=320, height=200)
+    depth = np.full((200, 320), 0.8, np.float32)
+    depth[100, 150] = np.nan
+    grasps = Grasps([[150.0, 100.0]], [0.3], [50.0], [20.0])
+    position, width = locate(grasps, depth, camera)
+    assert position[0] == pytest.approx(
+        [(150 - 159.5) * 0.8 / 400, (100 - 99.5) * 0.8 / 400, 0.8], abs=1e-7
+    )
+    assert width[0] == pytest.approx(50 * 0.8 / 400, abs=1e-7)
+
+
+def test_one_wild_pixel_does_not_move_a_grasp():
+    camera = Camera(fx=400.0, fy=400.0, cx=159.5, cy=99.5, width=320, height=200)
+    depth = np.full((200, 320), 0.8, np.float32)
+    depth[100, 150] = 5.0
+    position, _ = locate(Grasps([[150.0, 100.0]], [0.0], [50.0], [20.0]), depth, camera)
+    assert position[0, 2] == pytest.approx(0.8)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        ({}, "depth"),
+        ({"depth": np.zeros((20, 30, 3), np.float32)}, "shape of depth"),
+        ({"depth": np.full((20, 30), 800.0)}, "depth"),
+        ({"depth": np.full((20, 30), np.nan)}, "depth"),
+        ({"depth": table(20, 30), "rgb": np.zeros((20, 30), np.uint8)}, "rgb"),
+        ({"depth": table(20, 30), "rgb": np.zeros((21, 30, 3), np.uint8)}, "sizes"),
+        ({"depth": table(20, 30), "mask": np.ones((20, 30), np.uint8)}, "mask"),
+        ({"depth": table(20, 30), "mask": np.zeros((20, 30), bool)}, "mask and region"),
+        ({"depth": table(20, 30), "region": (0, 0, 0, 5)}, "region"),
+        ({"depth": table(20, 30), "region": (40, 0, 5, 5)}, "region"),
+        ({"depth": table(20, 30), "region": (0, 0, 5)}, "region"),
+        ({"depth": table(20, 30), "top": 0}, "top"),
+    ],
+)
+def test_bad_input_is_named(arguments, name):
+    with pytest.raises(InvalidInputError) as caught:
+        detector_of((40.0, 50.0, 0.0, 20.0)).detect(**arguments)
+    assert name in caught.value.name
+
+
+def test_unknown_backend_and_device(tmp_path):
+    card = WeightsCard(
+        network="ggcnn", channels="depth", bins=1, size=64, view="contain", width_scale_px=50.0
+    )
+    save_weights(tmp_path / "w.safetensors", make_network("ggcnn", 1, 1), card)
+    with pytest.raises(UnknownNameError):
+        Detector.load(tmp_path / "w.safetensors", backend="torhc")
+    with pytest.raises(InvalidInputError, match="device"):
+        Detector.load(tmp_path / "w.safetensors", device="abacus")
+
+
+def published_ggcnn2(path, x):
+    """GG-CNN2 run straight from its authors' state dict, layer by layer."""
+    w = torch.load(path, weights_only=True, map_location="cpu")
+    f = torch.nn.functional
+
+    def layer(name, y, **how):
+        return f.conv2d(y, w[f"{name}.weight"], w[f"{name}.bias"], **how)
+
+    y = f.relu(layer("features.0", x, padding=5))
+    y = f.max_pool2d(f.relu(layer("features.2", y, padding=2)), 2)
+    y = f.relu(layer("features.5", y, padding=2))
+    y = f.max_pool2d(f.relu(layer("features.7", y, padding=2)), 2)
+    y = f.relu(layer("features.10", y, dilation=2, padding=4))
+    y = f.relu(layer("features.12", y, dilation=4, padding=8))
+    for name in ("features.15", "features.18"):  # these authors upsample instead of transposing
+        y = f.interpolate(y, scale_factor=2, mode="bilinear", align_corners=True)
+        y = f.relu(layer(name, y, padding=1))
+    return {
+        name: layer(f"{name}_output", y).numpy()[0] for name in ("pos", "cos", "sin", "width")
+    }
+
+
+@pytest.fixture(scope="session")
+def published(data_dir):
+    path = data_dir / "weights" / "ggcnn" / "ggcnn2_epoch_50_cornell_statedict.pt"
+    if not path.exists():
+        pytest.skip(f"no published GG-CNN2 weights at {path}")
+    return path
+
+
+REGION = (130, 150, 300, 300)  # on the table; the room around it is full of other things
+
+
+@pytest.mark.parametrize("scene", ["0100", "0101"])
+def test_published_weights_grasp_the_remote_control(data_dir, published, scene):
+    network, card = import_weights("ggcnn2", published)
+    detector = Detector(network, card)
+    raw = data_dir / "cornell-raw"
+    rgb = cv2.cvtColor(cv2.imread(str(raw / f"pcd{scene}r.png")), cv2.COLOR_BGR2RGB)
+    depth = cv2.imread(str(raw / f"pcd{scene}d.tiff"), cv2.IMREAD_UNCHANGED)
+    found = detector.detect(rgb, depth, region=REGION)
+
+    x, y, w, h = REGION
+    dark = np.zeros(rgb.shape[:2], np.uint8)
+    dark[y : y + h, x : x + w] = rgb[y : y + h, x : x + w].max(axis=2) < 90
+    points = np.argwhere(dark)[:, ::-1].astype(np.float32)
+    (cx, cy), (side_a, side_b), turn = cv2.minAreaRect(points)
+    long_side = math.radians(turn if side_a > side_b else turn + 90)
+    along = np.array([math.cos(long_side), math.sin(long_side)])
+    offset = found.grasps.center[0] - (cx, cy)
+    assert abs(offset @ along) < max(side_a, side_b) / 2
+    assert abs(offset @ (-along[1], along[0])) < min(side_a, side_b) / 2
+    # Across: the opening runs over the short side.
+    assert abs(found.grasps.axis()[0] @ along) < math.sin(math.radians(25))
+    assert found.grasps.width[0] > min(side_a, side_b) * 0.8
+
+
+def test_published_weights_give_the_same_maps_as_an_independent_loading(published):
+    network, _ = import_weights("ggcnn2", published)
+    x = torch.randn(1, 1, 300, 300, generator=torch.Generator().manual_seed(0)).clamp(-1, 1)
+    with torch.inference_mode():
+        ours = network.eval()(x)
+        theirs = published_ggcnn2(published, x)
+    for mine, name in zip(ours, ("pos", "cos", "sin", "width"), strict=True):
+        np.testing.assert_allclose(mine.numpy()[0], theirs[name], atol=1e-5)

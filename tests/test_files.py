@@ -1,0 +1,122 @@
+"""Single pictures and the errors of the lowest level."""
+
+from __future__ import annotations
+
+import os
+
+import cv2
+import numpy as np
+import pytest
+
+from graspmap.data import files
+from graspmap.errors import FileError, FileFormatError, MissingFileError
+
+
+def save(path, image):
+    assert cv2.imwrite(str(path), image)
+    return path
+
+
+def test_colour_of_all_layouts(tmp_path):
+    bgr = np.random.default_rng(0).integers(0, 256, (5, 7, 3), dtype=np.uint8)
+    rgb = bgr[:, :, ::-1]
+    np.testing.assert_array_equal(files.read_rgb(save(tmp_path / "a.png", bgr)), rgb)
+    clear = np.dstack([bgr, np.zeros((5, 7), np.uint8)])
+    np.testing.assert_array_equal(files.read_rgb(save(tmp_path / "b.png", clear)), rgb)
+    grey = files.read_rgb(save(tmp_path / "c.png", bgr[:, :, 0]))
+    np.testing.assert_array_equal(grey, np.repeat(bgr[:, :, :1], 3, axis=2))
+    files.write_rgb(tmp_path / "new" / "d.png", rgb)
+    np.testing.assert_array_equal(files.read_rgb(tmp_path / "new" / "d.png"), rgb)
+
+
+@pytest.mark.parametrize("levels", [(0, 255), (0, 1), (0, 0), (255, 255)])
+def test_masks_of_all_levels(tmp_path, levels):
+    plane = np.full((4, 6), levels[0], np.uint8)
+    plane[1:3, 2:4] = levels[1]
+    expected = plane > 0
+    np.testing.assert_array_equal(files.read_mask(save(tmp_path / "a.png", plane)), expected)
+    colour = np.repeat(plane[:, :, None], 3, axis=2)
+    np.testing.assert_array_equal(files.read_mask(save(tmp_path / "b.png", colour)), expected)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_depth_of_all_formats(tmp_path, dtype):
+    depth = np.array([[1.5, 0.0, -1.0], [np.nan, np.inf, 2.25]])
+    expected = np.array([[1.5, np.nan, np.nan], [np.nan, np.nan, 2.25]], np.float32)
+    np.save(tmp_path / "a.npy", depth.astype(dtype))
+    save(tmp_path / "b.tiff", depth.astype(dtype))
+    for name in ("a.npy", "b.tiff"):
+        read = files.read_depth(tmp_path / name)
+        assert read.dtype == np.float32
+        np.testing.assert_array_equal(read, expected)
+    millimetres = np.array([[1500, 0, 0], [0, 0, 2250]], np.uint16)
+    for name in ("c.png", "d.tiff"):
+        np.testing.assert_array_equal(
+            files.read_depth(save(tmp_path / name, millimetres)), expected
+        )
+
+
+def test_depth_that_is_none(tmp_path):
+    colour = np.zeros((4, 4, 3), np.uint8)
+    with pytest.raises(FileFormatError, match="one channel"):
+        files.read_depth(save(tmp_path / "a.png", colour))
+    with pytest.raises(FileFormatError, match="uint8"):
+        files.read_depth(save(tmp_path / "b.png", colour[:, :, 0]))
+    # Millimetres are found although most of the picture, and every sampled pixel, is a hole.
+    sparse = np.zeros((400, 400), np.float32)
+    sparse[1, 1] = 1500
+    with pytest.raises(FileFormatError, match="looks like millimetres"):
+        files.read_depth(save(tmp_path / "c.tiff", sparse))
+    (tmp_path / "d.npy").write_bytes(b"\x93NUMPY no")
+    with pytest.raises(FileFormatError, match="no array"):
+        files.read_depth(tmp_path / "d.npy")
+    np.save(tmp_path / "e.npy", np.array([{"code": 1}], dtype=object))
+    with pytest.raises(FileFormatError, match="no array"):
+        files.read_depth(tmp_path / "e.npy")
+    with pytest.raises(MissingFileError):
+        files.read_depth(tmp_path / "f.npy")
+
+
+def test_paths_that_are_no_file(tmp_path):
+    with pytest.raises(MissingFileError, match="no such file"):
+        files.read_bytes(tmp_path / "nowhere")
+    with pytest.raises(FileFormatError, match="this is a folder"):
+        files.read_bytes(tmp_path)
+    (tmp_path / "empty").touch()
+    with pytest.raises(FileFormatError, match="is empty"):
+        files.read_bytes(tmp_path / "empty")
+    with pytest.raises(FileError, match="Not a directory"):
+        files.read_bytes(tmp_path / "empty" / "file")
+
+
+def test_lines_of_all_endings(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_bytes(b"\xef\xbb\xbfone\r\n\r\n two \nthree")
+    assert files.read_lines(path) == [(1, "one"), (3, "two"), (4, "three")]
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "a.txt"
+    files.write_text(path, "old")
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(files.Path, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        files.write_text(path, "new")
+    assert path.read_text() == "old"
+    assert [file.name for file in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_new_files_have_the_usual_permissions(tmp_path):
+    (tmp_path / "plain").touch()
+    files.write_text(tmp_path / "ours", "x")
+    modes = {os.stat(tmp_path / name).st_mode for name in ("plain", "ours")}  # noqa: PTH116
+    assert len(modes) == 1
+
+
+def test_an_unknown_ending(tmp_path):
+    with pytest.raises(FileFormatError, match="no format"):
+        files.write_mask(tmp_path / "mask.xyz", np.ones((2, 2), bool))
+    assert not list(tmp_path.iterdir())
