@@ -31,7 +31,9 @@ def diagonal(a, b):
 def by_shapely(a, b):
     """IoU of a[i] with b[i] by GEOS, from corners relative to a's centre.
 
-    Absolute corners would cost the oracle digits: at x = 1e6 a corner is good to 1e-10.
+    Absolute corners would cost the oracle digits: at x = 1e6 a corner is good to 1e-10. Even so,
+    GEOS 3.14 gives 0 for about three in 100,000 pairs that differ by 1e-16 to 1e-12 (none of
+    those below); the closed forms cover what it cannot.
     """
     origin = np.zeros_like(a.center)
     one = shapely.polygons(a.replace(center=origin).corners())
@@ -165,6 +167,12 @@ class TestDegenerate:
     def test_touching_by_a_corner(self):
         tip = rectangle(5 + 5 * np.sqrt(2), 0, np.pi / 4)
         assert pairwise_iou(rectangle(), tip)[0, 0] < 1e-15
+
+    @pytest.mark.parametrize("overlap", [1e-2, 1e-4])
+    def test_corners_that_barely_meet(self, overlap):
+        # The centres are then nearly as far apart as the circles about both reach.
+        other = rectangle(10 - overlap, overlap - 10)
+        assert intersection_area(rectangle(), other)[0, 0] == pytest.approx(overlap**2)
 
     def test_far_outside(self):
         far = rectangle(1e300, -1e300, 0.3)

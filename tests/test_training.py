@@ -195,8 +195,16 @@ def test_no_epochs_give_the_untrained_network(experiment, whole_run, tmp_path):
     assert rows(tmp_path) == rows(whole_run[0])[:1]
 
 
+@pytest.mark.filterwarnings("ignore:.*bfloat16")
+def test_mixed_precision_trains_too(experiment, whole_run, tmp_path):
+    train(change(experiment, training__epochs=1, training__precision="bf16"), tmp_path)
+    half, full = rows(tmp_path)[1]["train_loss"], rows(whole_run[0])[1]["train_loss"]
+    assert half != full
+    assert half == pytest.approx(full, rel=0.05)
+
+
 KILLED = """
-import os, signal, sys, torch
+import os, signal, sys, numba, torch, torch.utils.tensorboard
 from contextlib import contextmanager
 from graspmap.training import read_experiment, train
 
@@ -296,6 +304,12 @@ def test_ctrl_c_gets_through_and_keeps_the_state(experiment, whole_run, tmp_path
 def test_another_experiment_in_the_same_folder_is_refused(experiment, whole_run):
     with pytest.raises(FileFormatError, match=r"optimiser\.learning_rate was 0\.003"):
         train(change(experiment, optimiser__learning_rate=1.0), whole_run[0])
+
+
+def test_a_run_that_never_began_can_be_changed(experiment, tmp_path):
+    with pytest.raises(FileError):
+        train(change(experiment, data__source="jacquard:/nowhere"), tmp_path)
+    train(change(experiment, training__epochs=0), tmp_path)
 
 
 def test_results_without_an_experiment_are_not_overwritten(experiment, tmp_path):

@@ -106,7 +106,7 @@ def contact_sheet_of(spec: str) -> NDArray[np.uint8]:
             failure = error
     if not tiles and failure is not None:
         raise failure
-    title = f"{spec}: jaws blue, opening red, centre black; grey: labelled as failing"
+    title = f"{spec}: jaws blue, opening red, mask green; grey: labelled as failing"
     return contact_sheet(tiles, columns=4, cell=300, title=title)
 
 
@@ -115,7 +115,7 @@ def _tiles(scene: Scene) -> list[Tile]:
     import cv2
     import numpy as np
 
-    from graspmap.geometry import Grasps
+    from graspmap.geometry import Grasps, affine
     from graspmap.pictures import Tile, depth_picture, draw_grasps
     from graspmap.pictures.draw import FAILED
     from graspmap.pictures.fields import depth_limits
@@ -137,10 +137,32 @@ def _tiles(scene: Scene) -> list[Tile]:
         image = image.copy()
         cv2.drawContours(image, edges, -1, (0, 200, 90), thickness)
     count = 0 if scene.grasps is None else len(scene.grasps)
-    tiles = [Tile(image, f"{scene.id[-28:]}: {count} labels", grasps=grasps)]
+    cut = _surroundings(scene)
+    name = scene.id if len(scene.id) <= 20 else f"{scene.id[:12]}..{scene.id[-6:]}"
+    moved = grasps.transformed(affine.crop(cut[1].start, cut[0].start))
+    tiles = [Tile(image[cut], f"{name}: {count} labels", grasps=moved)]
     if scene.depth is not None and scene.rgb is not None:
-        near, far = depth_limits(scene.depth)
+        depth = scene.depth[cut]
+        near, far = depth_limits(depth)
         words = f"{near:.2f} m", f"{far:.2f} m"
-        picture = depth_picture(scene.depth)
+        picture = depth_picture(depth)
         tiles.append(Tile(picture, "depth (magenta: none)", ("depth", *words)))
     return tiles
+
+
+def _surroundings(scene: Scene) -> tuple[slice, slice]:
+    """Rows and columns of the square around all labels, or of the whole picture without any."""
+    import numpy as np
+
+    rows, columns = scene.shape
+    if scene.grasps is None or not len(scene.grasps):
+        return slice(0, rows), slice(0, columns)
+    corners = scene.grasps.corners().reshape(-1, 2)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    half = max(0.7 * float((high - low).max()), 40.0)
+    x, y = (low + high) / 2
+    x0, x1 = (int(np.clip(v, 0, columns)) for v in (x - half, x + half))
+    y0, y1 = (int(np.clip(v, 0, rows)) for v in (y - half, y + half))
+    if x1 - x0 < 16 or y1 - y0 < 16:  # labels outside the picture: show that they are
+        return slice(0, rows), slice(0, columns)
+    return slice(y0, y1), slice(x0, x1)

@@ -25,6 +25,12 @@ PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
 _ABOUT = "@about@"
 
 
+class _Captured(io.StringIO):
+    """What tyro prints; it looks at the encoding to choose the frame of its boxes."""
+
+    encoding = "utf-8"
+
+
 class UsageError(GraspmapError):
     """The words after the command do not fit its flags.
 
@@ -67,7 +73,7 @@ def parse_known(
 def _parse(
     kind: type[Command], argv: Sequence[str], command: str, unknown: bool
 ) -> tuple[Command, list[str]]:
-    complaint, answer = io.StringIO(), io.StringIO()
+    complaint, answer = _Captured(), _Captured()
     config = (tyro.conf.FlagCreatePairsOff,)
     try:
         # tyro draws a box of several lines; a command says what is wrong in one.
@@ -85,7 +91,10 @@ def _parse(
     except SystemExit as stop:
         if stop.code in (0, None):
             # tyro would join the lines of the description, and with them those of the example.
-            print(answer.getvalue().replace(_ABOUT, inspect.getdoc(kind) or ""), end="")
+            text = answer.getvalue().replace(_ABOUT, inspect.getdoc(kind) or "")
+            if (sys.stdout.encoding or "").lower() not in ("utf-8", "utf8"):
+                text = text.translate(str.maketrans("│─╭╮╰╯", "|-++++"))
+            print(text, end="")
             raise
         raise UsageError(command, _unboxed(complaint.getvalue())) from None
 

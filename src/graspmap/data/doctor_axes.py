@@ -110,11 +110,11 @@ def _picture(scene: Scene) -> NDArray[np.float32]:
     if scene.mask is not None and scene.mask.any() and not scene.mask.all():
         return scene.mask.astype(np.float32)
     if scene.rgb is not None:
-        return scene.rgb.mean(axis=2, dtype=np.float32) / 255
+        return np.asarray(scene.rgb.mean(axis=2, dtype=np.float32) / 255)
     assert scene.depth is not None  # for the type checker; a Scene has one of the two
     known = np.isfinite(scene.depth)
     middle = np.float32(np.median(scene.depth[known])) if known.any() else np.float32(0)
-    return np.where(known, scene.depth, middle)
+    return np.asarray(np.where(known, scene.depth, middle))
 
 
 def _structure(picture: NDArray[np.float32]) -> NDArray[np.float64]:

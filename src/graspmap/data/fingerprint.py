@@ -101,7 +101,7 @@ def scenes_key(scenes: Scenes, hashes: FileHashes, settings: dict[str, Any]) -> 
     for i, name in enumerate(scenes.ids):
         files = [(_below(path, scenes.root), hashes(path)) for path in scenes.files(i)]
         digest.update(json.dumps([name, scenes.object_id(i), files]).encode())
-    return digest.hexdigest()
+    return str(digest.hexdigest())
 
 
 def _blake2b() -> Any:

@@ -143,13 +143,9 @@ def input_window(shape: tuple[int, int], size: int, *, view: View = "contain") -
         InvalidInputError: A size is not positive or the view is none of these.
     """
     rows, columns = shape
-    if view == "contain":
-        side = max(rows, columns)
-    elif view == "cover":
-        side = min(rows, columns)
-    elif isinstance(view, int) and not isinstance(view, bool) and view > 0:
-        side = view
-    else:
+    named = {"contain": max(rows, columns), "cover": min(rows, columns)}
+    side = named.get(view, view) if isinstance(view, str) else view
+    if not isinstance(side, int) or isinstance(side, bool) or side <= 0:
         raise InvalidInputError("view", repr(view), "'contain', 'cover' or a side in pixels, > 0")
     # Whole pixels: a window of the input's own size is then cut out without resampling.
     return affine.window((columns - side) // 2, (rows - side) // 2, side, size)

@@ -243,8 +243,9 @@ def _put(
     u, v = (inverse[i, 0] * x + inverse[i, 1] * y + inverse[i, 2] for i in (0, 1))
     away = shape.distance(u, v)
     top_m = shape.top(u, v)
-    rgb = _shadow(picture.rgb[window], top_m * px_per_m, light)
-    color = _shade(_surface(rng, shape, u, v), top_m * px_per_m, light)
+    top_px = np.asarray(top_m * px_per_m, np.float32)
+    rgb = _shadow(picture.rgb[window], top_px, light)
+    color = _shade(_surface(rng, shape, u, v), top_px, light)
     covered = np.clip(0.5 - away * px_per_m, 0, 1)[..., None]  # share of the pixel
     picture.rgb[window] = rgb * (1 - covered) + color * covered
     picture.height_m[window] += top_m  # objects lie apart

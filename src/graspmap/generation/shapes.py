@@ -50,11 +50,10 @@ class Bar:
     height: float | None = None
 
     def distance(self, x: Floats, y: Floats) -> Floats:
-        """(...) below 0 inside, above 0 outside, metres; exact on the edge and near it."""
+        """(...) below 0 inside, above 0 outside, metres; across the sides where they taper."""
         along, across, length = self._local(x, y)
-        return np.maximum(
-            np.abs(across) - self._half(along / length), np.abs(along - length / 2) - length / 2
-        )
+        sides = np.abs(across) - self._half(along / length)
+        return np.asarray(np.maximum(sides, np.abs(along - length / 2) - length / 2))
 
     def top(self, x: Floats, y: Floats) -> Floats:
         """(...) height of the surface, metres; only meant inside."""
@@ -62,7 +61,7 @@ class Bar:
         half = self._half(along / length)
         if self.height is not None:
             return np.full_like(half, self.height)
-        return half + np.sqrt(np.maximum(half**2 - across**2, 0))
+        return np.asarray(half + np.sqrt(np.maximum(half**2 - across**2, 0)))
 
     def _local(self, x: Floats, y: Floats) -> tuple[Floats, Floats, float]:
         (x0, y0), (x1, y1) = self.start, self.stop
@@ -72,7 +71,7 @@ class Bar:
 
     def _half(self, share: Floats) -> Floats:
         first, last = self.half_widths
-        return first + (last - first) * np.clip(share, 0, 1)
+        return np.asarray(first + (last - first) * np.clip(share, 0, 1))
 
 
 @dataclass(frozen=True)
@@ -103,7 +102,7 @@ class Disc:
             return np.full_like(d, self.height)
         middle = (self.radius + self.hole) / 2 if self.hole else 0.0
         half = self.radius - middle
-        return half + np.sqrt(np.maximum(half**2 - (d - middle) ** 2, 0))
+        return np.asarray(half + np.sqrt(np.maximum(half**2 - (d - middle) ** 2, 0)))
 
 
 @dataclass(frozen=True)
@@ -124,12 +123,12 @@ class Shape:
 
     def distance(self, x: Floats, y: Floats) -> Floats:
         """(...) below 0 inside, above 0 outside, metres."""
-        return np.min([part.distance(x, y) for part in self.parts], axis=0)
+        return np.asarray(np.min([part.distance(x, y) for part in self.parts], axis=0))
 
     def top(self, x: Floats, y: Floats) -> Floats:
         """(...) height of the surface above the table, metres; 0 outside."""
         tops = [np.where(p.distance(x, y) <= 0, p.top(x, y), 0.0) for p in self.parts]
-        return np.max(tops, axis=0)
+        return np.asarray(np.max(tops, axis=0))
 
 
 def random_shape(rng: np.random.Generator) -> Shape:

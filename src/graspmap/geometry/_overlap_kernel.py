@@ -73,7 +73,8 @@ def _intersection(
         + _edge(u2, v2, u3, v3, hx, hy)
         + _edge(u3, v3, u0, v0, hx, hy)
     )
-    return min(max(area, 0.0), min(wa * ha, wb * hb))
+    bounded: float = min(max(area, 0.0), min(wa * ha, wb * hb))
+    return bounded
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]

@@ -104,78 +104,56 @@ def _distance(frame: Any, row: int, column: int) -> float:
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def nearest_grasps(
-    regions: Floats, bins: Integers, widths: Floats, published: bool, winner: Integers
-) -> Any:
+    regions: Floats, bins: Integers, published: bool, distance: Singles, winner: Integers
+) -> None:
     """For each pixel the grasp that lies nearest in its own relative frame.
 
     Args:
-        regions: (K, 6) as in `row_spans`.
+        regions: (K, 6) as in `row_spans`; of two equally near grasps the first one wins.
         bins: (K,) orientation bins.
-        widths: (K,) openings; of two equally near grasps the narrower one wins.
         published: Measure in the box around the covered pixels instead of the grasp's frame.
-        winner: (N, H, W) out: 1 + number of the grasp; must be 0 everywhere at the start.
-
-    Returns:
-        distance: (N, H, W) u^2 + v^2 of the winner; undefined where there is none.
-        bounds: (N, 2) first row and one past the last row that a bin has pixels in.
+        distance: (N, H, W) in and out: u^2 + v^2 of the winner; infinite at the start.
+        winner: (N, H, W) out: number of the grasp; untouched where there is none.
     """
-    count, rows, columns = winner.shape
-    distance = np.empty(winner.shape, np.float64)
-    bounds = np.zeros((count, 2), np.int64)
-    bounds[:, 0] = rows
+    rows, columns = winner.shape[1:]
     start, stop = np.empty(rows, np.int32), np.empty(rows, np.int32)
     for k in range(len(regions)):
         first, last = row_spans(regions[k], (rows, columns), start, stop)
         if first == last:
             continue
-        b = bins[k]
-        bounds[b, 0], bounds[b, 1] = min(bounds[b, 0], first), max(bounds[b, 1], last)
-        frame = _frame(regions[k], published, _box(first, last, start, stop))
+        x, y, ux, uy, vx, vy = _frame(regions[k], published, _box(first, last, start, stop))
         for row in range(first, last):
-            for column in range(start[row], stop[row]):
-                d = _distance(frame, row, column)
-                other = winner[b, row, column]
-                if other > 0:
-                    best = distance[b, row, column]
-                    if d > best or (d == best and widths[k] >= widths[other - 1]):
-                        continue
-                winner[b, row, column] = k + 1
-                distance[b, row, column] = d
-    return distance, bounds
+            d_row = distance[bins[k], row, start[row] : stop[row]]
+            w_row = winner[bins[k], row, start[row] : stop[row]]
+            u0 = ux * (start[row] - x) + uy * (row - y)
+            v0 = vx * (start[row] - x) + vy * (row - y)
+            # Both are written whether they change or not, which lets the compiler use vectors.
+            for i in range(len(d_row)):
+                u, v = u0 + ux * i, v0 + vx * i
+                d = np.float32(u * u + v * v)
+                nearer = d < d_row[i]
+                w_row[i] = k if nearer else w_row[i]
+                d_row[i] = d if nearer else d_row[i]
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def paint_winners(
-    winner: Integers,
-    distance: Floats,
-    bounds: NDArray[np.int64],
-    values: Singles,
-    drop_off: float,
-    low: float,
-    maps: Singles,
-) -> None:
-    """Write quality and the winner's cos 2a, sin 2a, width wherever a grasp won.
+def paint_winners(distance: Singles, winner: Integers, values: Singles, maps: Singles) -> None:
+    """Write the winner's cos 2a, sin 2a and width wherever a grasp won.
 
     Args:
-        winner: (N, H, W) from `nearest_grasps`.
         distance: (N, H, W) from `nearest_grasps`.
-        bounds: (N, 2) from `nearest_grasps`.
+        winner: (N, H, W) from `nearest_grasps`.
         values: (K, 3) cos 2a, sin 2a, width divided by the width scale.
-        drop_off: g of the Gaussian.
-        low: Least quality inside a region: 1 binary, 0.9 soft, 0 strong.
-        maps: (4, N, H, W) out: quality, cos, sin, width.
+        maps: (3, N, H, W) out: cos, sin, width.
     """
     for b in range(winner.shape[0]):
-        for row in range(bounds[b, 0], bounds[b, 1]):
+        for row in range(winner.shape[1]):
             for column in range(winner.shape[2]):
-                k = winner[b, row, column] - 1
-                if k < 0:
-                    continue
-                q = 1.0 if low >= 1.0 else max(math.exp(-distance[b, row, column] / drop_off), low)
-                maps[0, b, row, column] = q
-                maps[1, b, row, column] = values[k, 0]
-                maps[2, b, row, column] = values[k, 1]
-                maps[3, b, row, column] = values[k, 2]
+                if distance[b, row, column] < np.inf:
+                    k = winner[b, row, column]
+                    maps[0, b, row, column] = values[k, 0]
+                    maps[1, b, row, column] = values[k, 1]
+                    maps[2, b, row, column] = values[k, 2]
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]

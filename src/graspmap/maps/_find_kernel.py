@@ -19,10 +19,8 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Bools = NDArray[np.bool_]
 
-SAME_ANGLE = math.cos(2 * math.radians(5.0))
+SAME_ANGLE = math.cos(2 * math.radians(5.0)) ** 2
 """Pixels of one plateau have grasp angles within 5 degrees of the one at its seed."""
-FILLED = 0.9
-"""Part of the box around a plateau that its pixels fill if it is a drawn region."""
 SAME_WIDTH = 0.1
 """Pixels of one plateau have openings within this part of the one at its seed, or 1 pixel."""
 
@@ -93,12 +91,12 @@ def belongs(
     quality: Singles, others: tuple[Singles, Singles, Singles], row: int, column: int, seed: Any
 ) -> bool:
     """Whether a pixel shows the seed's grasp: enough quality, the same angle and width."""
-    level, c, s, w, slack = seed
+    level, c, s, w, slack, same_angle = seed
     if not quality[row, column] >= level:
         return False
     cos, sin = float(others[0][row, column]), float(others[1][row, column])
     dot = cos * c + sin * s
-    if dot < 0.0 or dot * dot < SAME_ANGLE**2 * (cos * cos + sin * sin) * (c * c + s * s):
+    if dot < 0.0 or dot * dot < same_angle * (cos * cos + sin * sin) * (c * c + s * s):
         return False
     return abs(float(others[2][row, column]) - w) <= slack
 
@@ -123,7 +121,8 @@ def plateau(
         taken: (H, W) in and out: pixels of earlier plateaus; those of this one are added.
         y: Row of the seed.
         x: Column of the seed.
-        seed: Least quality, cos, sin, width, and the difference of width that is still the same.
+        seed: Least quality, cos, sin, width; the difference of width, and the squared cosine of
+            twice the difference of angle, up to which a pixel still shows the same grasp.
         pixels: (H W, 2) out: (x, y) of the plateau's pixels in its first rows.
 
     Returns:
@@ -150,36 +149,49 @@ def plateau(
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def middle(pixels: NDArray[np.int32], allowed: Bools, c: float, s: float) -> Any:
-    """Middle of a plateau, as x, y.
+def box_middle(pixels: NDArray[np.int32], shape: tuple[int, int], c: float, s: float) -> Any:
+    """Middle of the box around a plateau in the grasp's frame, and how full the box is.
 
-    A plateau that fills the box around it in the grasp's frame is a drawn region; then the middle
-    of the box is right to half a pixel, whereas the mean of the pixels is not: a slightly tilted
-    narrow strip has more pixels in a row at one end than at the other. Other plateaus take the
-    mean, or the pixel nearest it where that lies beside the plateau.
+    The middle of a drawn region's box is right to half a pixel, whereas the mean of its pixels is
+    not: a slightly tilted narrow strip has more pixels in a row at one end than at the other.
 
     Args:
         pixels: (P, 2) as (x, y).
-        allowed: (H, W) where centres may lie.
+        shape: (H, W).
         c: cos a of the grasp's angle.
         s: sin a of the grasp's angle.
+
+    Returns:
+        x, y, and the part of the image's pixels in the box that belong to the plateau; 0 when the
+        plateau goes from border to border both ways, because then nothing bounds it.
     """
-    count = len(pixels)
-    x = y = 0.0
-    low_u = low_v = np.inf
-    high_u = high_v = -np.inf
-    for i in range(count):
-        px, py = float(pixels[i, 0]), float(pixels[i, 1])
-        u, v = c * px - s * py, s * px + c * py
+    low_u = low_v = left = top = np.inf
+    high_u = high_v = right = bottom = -np.inf
+    for i in range(len(pixels)):
+        x, y = float(pixels[i, 0]), float(pixels[i, 1])
+        u, v = c * x - s * y, s * x + c * y
         low_u, high_u = min(low_u, u), max(high_u, u)
         low_v, high_v = min(low_v, v), max(high_v, v)
-        x, y = x + px / count, y + py / count
+        left, right = min(left, x), max(right, x)
+        top, bottom = min(top, y), max(bottom, y)
     u, v = (low_u + high_u) / 2, (low_v + high_v) / 2
-    box = np.array([c * u + s * v, c * v - s * u, c, s, (high_u - low_u) / 2, (high_v - low_v) / 2])
-    if count >= FILLED * _pixels_in(box, allowed.shape):
-        return box[0], box[1]
+    x, y = c * u + s * v, c * v - s * u
+    if right - left >= shape[1] - 1 and bottom - top >= shape[0] - 1 and len(pixels) > 1:
+        return x, y, 0.0
+    box = np.array([x, y, c, s, (high_u - low_u) / 2, (high_v - low_v) / 2])
+    return x, y, len(pixels) / max(_pixels_in(box, shape), 1)
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def mean_pixel(pixels: NDArray[np.int32], allowed: Bools) -> Any:
+    """Mean x, y of (P, 2) pixels, or the pixel nearest it where the mean lies beside them."""
+    x = y = 0.0
+    for i in range(len(pixels)):
+        x += pixels[i, 0]
+        y += pixels[i, 1]
+    x, y = x / len(pixels), y / len(pixels)
     best, least = 0, np.inf
-    for i in range(count):
+    for i in range(len(pixels)):
         d = (pixels[i, 0] - x) ** 2 + (pixels[i, 1] - y) ** 2
         if d < least:
             best, least = i, d
@@ -221,6 +233,19 @@ def gaussian_sums(quality: Singles, pixels: NDArray[np.int32], frame: Any) -> An
         row[0], row[1], row[2], row[3], row[4] = 1.0, u, u * u, v, v * v
         row[5] = math.log(quality[pixels[i, 1], pixels[i, 0]])
         for j in range(6):
-            for k in range(6):
+            for k in range(j, 6):
                 sums[j, k] += row[j] * row[k]
+    for j in range(6):
+        for k in range(j):
+            sums[j, k] = sums[k, j]
     return sums
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def is_flat(quality: Singles, pixels: NDArray[np.int32]) -> bool:
+    """Whether the quality at the (P, 2) pixels is the same to a ten-thousandth."""
+    low, high = np.inf, -np.inf
+    for i in range(len(pixels)):
+        q = float(quality[pixels[i, 1], pixels[i, 0]])
+        low, high = min(low, q), max(high, q)
+    return high - low <= 1e-4 * high

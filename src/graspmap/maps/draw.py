@@ -97,23 +97,36 @@ def draw_maps(
         if value not in get_args(choices):
             raise UnknownNameError(name, str(value), get_args(choices))
 
+    # Equal distances go to the first grasp drawn, which must be the narrower one.
+    grasps = grasps[np.argsort(grasps.width, kind="stable")]
+    regions, values = _regions(grasps), _values(grasps, width_scale)
+    numbers = bin_of(grasps.angle, bins).astype(np.int32)
+    boxed, low = gaussian == "published", LEAST_QUALITY[quality]
     maps = np.zeros((4, bins, rows, columns), np.float32)
     if background == "published":
         maps[1] = 1.0
-    if len(grasps):
-        regions = _regions(grasps)
-        numbers = bin_of(grasps.angle, bins).astype(np.int32)
-        values = _values(grasps, width_scale)
-        boxed, low = gaussian == "published", LEAST_QUALITY[quality]
-        if overlap == "best":
-            winner = np.zeros((bins, rows, columns), np.int32)
-            distance, bounds = kernel.nearest_grasps(regions, numbers, grasps.width, boxed, winner)
-            kernel.paint_winners(winner, distance, bounds, values, drop_off, low, maps)
-        else:
-            kernel.paint_published(
-                regions, numbers, grasps.angle, values, boxed, drop_off, low, maps
-            )
+    if not len(grasps):
+        pass
+    elif overlap == "best":
+        distance = np.full((bins, rows, columns), np.inf, np.float32)
+        winner = np.empty((bins, rows, columns), np.int32)
+        kernel.nearest_grasps(regions, numbers, boxed, distance, winner)
+        kernel.paint_winners(distance, winner, values, maps[1:])
+        _paint_quality(distance, drop_off, low, maps[0])
+    else:
+        kernel.paint_published(regions, numbers, grasps.angle, values, boxed, drop_off, low, maps)
     return GraspMaps(*maps)
+
+
+def _paint_quality(distance: Singles, drop_off: float, low: float, quality: Singles) -> None:
+    """Write max(low, exp(-distance / drop_off)) wherever the distance is finite, else 0."""
+    if low >= 1.0:
+        np.less(distance, np.inf, out=quality, casting="unsafe")
+        return
+    np.multiply(distance, np.float32(-1.0 / drop_off), out=quality)
+    np.exp(quality, out=quality)
+    if low > 0.0:
+        np.maximum(quality, np.float32(low), out=quality, where=distance < np.inf)
 
 
 def _regions(grasps: Grasps) -> NDArray[np.float64]:

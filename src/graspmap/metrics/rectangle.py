@@ -11,14 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspmap.errors import InvalidInputError
-from graspmap.geometry.grasps import Grasps
-from graspmap.geometry.overlap import pairwise_iou
+from graspmap.geometry.grasps import Grasps, angle_difference
+from graspmap.geometry.overlap import best_iou
 from graspmap.metrics.intervals import RESAMPLES, Groups, bootstrap_means, check_values
 from graspmap.metrics.pixel_overlap import pixel_iou
 
@@ -34,8 +34,6 @@ MAX_ANGLE = float(np.radians(30))
 
 _ANGLE_SLACK = 1e-9
 """Radians by which rounding may exceed the angle: 30 degrees apart still counts as 30."""
-
-_PAIRS = {"exact": pairwise_iou, "pixels": pixel_iou}
 
 
 @dataclass(frozen=True)
@@ -84,16 +82,14 @@ def best_overlap(
     """
     if not 0 <= max_angle <= np.pi / 2:
         raise InvalidInputError("max_angle", max_angle, "radians, 0 to pi/2")
-    if overlap not in _PAIRS:
-        raise InvalidInputError("overlap", repr(overlap), ", ".join(_PAIRS))
+    if overlap not in get_args(Overlap):
+        raise InvalidInputError("overlap", repr(overlap), ", ".join(get_args(Overlap)))
     if not len(predicted) or not len(labels):
         return np.zeros(len(predicted))
-    # A turn beyond pi/2 is pi minus it the other way round: the distance from pi/2 tells both.
-    turn = np.abs(predicted.angle[:, None] - labels.angle)
-    fits = np.abs(turn - np.pi / 2) >= np.pi / 2 - max_angle - _ANGLE_SLACK
-    pairs = _PAIRS[overlap](predicted, labels)
-    pairs *= fits
-    best: Floats = pairs.max(axis=1)
+    if overlap == "exact":
+        return best_iou(predicted, labels, max_angle + _ANGLE_SLACK)
+    fits = angle_difference(predicted.angle[:, None], labels.angle) <= max_angle + _ANGLE_SLACK
+    best: Floats = (pixel_iou(predicted, labels) * fits).max(axis=1)
     return best
 
 

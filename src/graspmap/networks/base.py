@@ -43,7 +43,7 @@ class GraspHeads(nn.Module):
     @torch.no_grad()
     def xavier(self, generator: torch.Generator | None) -> None:
         """Draw each map's weights as if it had a layer of its own (the fan-out differs)."""
-        for part in self.layer.weight.split(self.bins):
+        for part in self.layer.weight.chunk(len(MAP_NAMES)):
             # Random fills ignore strides only on a dense block of their own.
             fresh = torch.empty(part.shape, dtype=part.dtype, device=part.device)
             part.copy_(nn.init.xavier_uniform_(fresh, generator=generator))
@@ -82,7 +82,7 @@ class GraspNetwork(nn.Module):
     def __init__(self, channels: int, bins: int = 1) -> None:
         super().__init__()
         for what, value in (("channels", channels), ("bins", bins)):
-            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+            if type(value) is not int or value < 1:  # True counts as an int elsewhere
                 raise InvalidInputError(f"{what} of the network", repr(value), "an integer >= 1")
         self.channels, self.bins = channels, bins
 
@@ -123,7 +123,7 @@ class GraspNetwork(nn.Module):
         maps = self.raw_maps(_channels_last(images))
         # Readers of the maps go through them row by row, so each must lie in one piece.
         maps = maps[..., :rows, :columns].contiguous()
-        return GraspMaps(*maps.split(self.bins, dim=1))
+        return GraspMaps(*maps.chunk(len(MAP_NAMES), dim=1))
 
     def reset_parameters(self, generator: torch.Generator | None = None) -> None:
         """Draw fresh weights: Xavier-uniform with gain 1; biases as PyTorch draws them.

@@ -86,6 +86,9 @@ def draw_grasps(
 
 def _draw_one(picture: Picture, grasp: Grasps, thin: int, jaw: Color, opening: Color) -> None:
     p0, p1, p2, p3 = grasp.corners()[0]
+    # Small grasps get thin jaws and no dot: the drawing must not hide what it shows.
+    small = float(grasp.width[0])
+    jaw_line = int(np.clip(round(small / 10), 1, 2 * thin + 1))
     if grasp.height[0] == 0:  # a jaw without size still shows where it stands
         axis = grasp.axis()[0]
         across = 3.0 * np.array([-axis[1], axis[0]])
@@ -95,7 +98,9 @@ def _draw_one(picture: Picture, grasp: Grasps, thin: int, jaw: Color, opening: C
         for a, b in ((p0, p1), (p3, p2)):
             _line(picture, a, b, color or opening, thin + extra)
         for a, b in ((p0, p3), (p1, p2)):
-            _line(picture, a, b, color or jaw, 2 * thin + 1 + extra)
+            _line(picture, a, b, color or jaw, jaw_line + extra)
+    if small < 18:
+        return
     _dot(picture, grasp.center[0], 2.0 * thin + 1, PAPER)
     _dot(picture, grasp.center[0], 2.0 * thin, INK)
 
@@ -131,7 +136,7 @@ def _fixed(points: NDArray[np.float64]) -> list[list[int]]:
 
 
 def draw_window(rgb: Picture, matrix: ArrayLike, shape: tuple[int, int]) -> Picture:
-    """A copy of a picture in which what the network does not see is paler.
+    """A copy of a picture in which what the network does not see is darker.
 
     Args:
         rgb: (H, W, 3) picture.
@@ -147,8 +152,7 @@ def draw_window(rgb: Picture, matrix: ArrayLike, shape: tuple[int, int]) -> Pict
     cv2.fillConvexPoly(seen, np.rint(corners).astype(np.int32), 1)
     if seen.all():
         return rgb.copy()
-    pale = (rgb.astype(np.uint16) + 255) // 2
-    return np.where(seen[..., None] == 1, rgb, pale.astype(np.uint8))
+    return np.where(seen[..., None] == 1, rgb, rgb // 2)
 
 
 def write_text(

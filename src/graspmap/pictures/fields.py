@@ -59,10 +59,10 @@ def map_picture(
 
 
 def width_range(maps: GraspMaps[NDArray[Any]]) -> float:
-    """The greatest width where the quality is at least half its greatest; 1 where none is."""
+    """The greatest width where the quality is above half its greatest; 1 where there is none."""
     width = np.nan_to_num(np.asarray(maps.width, dtype=np.float64))
     quality = np.nan_to_num(np.asarray(maps.quality, dtype=np.float64))
-    top = float(width[quality >= quality.max() / 2].max())
+    top = float(width[quality >= quality.max() / 2].max(initial=0.0))
     return top if top > 0 else 1.0
 
 

@@ -40,12 +40,14 @@ class Tile:
         caption: Words above it.
         bar: Colour scale below it: kind of map and the words for its two ends, or None.
         grasps: Grasps to draw on it, in its pixels, or None.
+        ranks: Whether to number them.
     """
 
     rgb: Picture
     caption: str = ""
     bar: tuple[BarKind, str, str] | None = None
     grasps: Grasps | None = None
+    ranks: bool = False
 
 
 def contact_sheet(
@@ -116,6 +118,7 @@ def overlay(
     inside = grasps.transformed(matrix)
     seen = draw_window(rgb, matrix, maps.shape)
     top = width_range(maps)
+    many = len(grasps) > 1
     scales: dict[MapKind, tuple[str, str]] = {
         "quality": ("0", "1"),
         "angle": ("-90 deg", "90 deg"),
@@ -127,11 +130,11 @@ def overlay(
         "width": "width: opening, input pixels",
     }
     count = "no grasp" if not len(grasps) else f"{len(grasps)} grasp{'s' * (len(grasps) > 1)}"
-    tiles = [Tile(seen, f"{count}; jaws blue, opening red", grasps=grasps)]
+    tiles = [Tile(seen, f"{count}; jaws blue, opening red", grasps=grasps, ranks=many)]
     for kind, (low, high) in scales.items():
         picture = map_picture(maps, kind, width_top=top)
         shown = inside if kind == "quality" else None
-        tiles.append(Tile(picture, captions[kind], (kind, low, high), shown))
+        tiles.append(Tile(picture, captions[kind], (kind, low, high), shown, many))
     return contact_sheet(tiles, columns=2, cell=480, title=title)
 
 
@@ -139,8 +142,7 @@ def _fit(tile: Tile, cell: int) -> Picture:
     """The tile scaled so that its longer side fills the cell, grasps and scale with it."""
     check_picture(tile.rgb, f"tile {tile.caption!r}")
     scale = cell / max(tile.rgb.shape[:2])
-    many = tile.grasps is not None and 1 < len(tile.grasps) <= 9
-    picture = draw_grasps(tile.rgb, tile.grasps or Grasps.empty(), scale=scale, ranks=many)
+    picture = draw_grasps(tile.rgb, tile.grasps or Grasps.empty(), scale=scale, ranks=tile.ranks)
     picture = picture[:cell, :cell]
     if tile.bar is None:
         return picture

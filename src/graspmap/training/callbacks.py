@@ -13,6 +13,7 @@ import json
 import logging
 import math
 import os
+import re
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, nullcontext
@@ -215,7 +216,9 @@ class MetricsLog(Callback):
             self._writer = SummaryWriter(str(self._board), purge_step=self._first)
         for name, value in row.items():
             if name not in ("epoch", "step"):
-                self._writer.add_scalar(name.replace("_", "/", 1), value, int(row["epoch"]))
+                # TensorBoard groups by what stands before a slash.
+                tag = re.sub("^(train|validation)_", r"\1/", name)
+                self._writer.add_scalar(tag, value, int(row["epoch"]))
         self._writer.flush()
 
     def _write(self) -> None:

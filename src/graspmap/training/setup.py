@@ -146,7 +146,7 @@ def choose_device(experiment: Experiment) -> str:
     wanted, found = experiment.training.device, torch.cuda.is_available()
     if wanted == "cuda" and not found:
         raise ConfigError(
-            experiment.name,
+            f"experiment {experiment.name}",
             "training.device",
             "is 'cuda', but PyTorch finds no CUDA device",
             "allowed here: auto, cpu",
@@ -154,7 +154,7 @@ def choose_device(experiment: Experiment) -> str:
     device = "cuda" if found and wanted != "cpu" else "cpu"
     if device == "cpu" and experiment.training.precision == "16":
         raise ConfigError(
-            experiment.name,
+            f"experiment {experiment.name}",
             "training.precision",
             "is '16', which needs a CUDA device",
             "allowed here: '32', 'bf16'",
@@ -168,13 +168,10 @@ def claim_folder(folder: Folder, experiment: Experiment) -> None:
     Raises:
         FileFormatError: The folder holds another experiment, or results without one.
     """
-    if not folder.experiment.exists():
-        for path in (folder.weights, folder.last, folder.best):
-            if path.exists():
-                raise FileFormatError(
-                    path, "is here, but no experiment.yaml that it comes from", _ANEW
-                )
-    else:
+    begun = [path for path in (folder.last, folder.best, folder.weights) if path.exists()]
+    if begun and not folder.experiment.exists():
+        raise FileFormatError(begun[0], "is here, but no experiment.yaml that it comes from", _ANEW)
+    if begun:
         before, now = read_experiment(folder.experiment).flat(), experiment.flat()
         changed = [k for k in now if now[k] != before.get(k) and k not in FREE_KEYS]
         if changed:

@@ -1,0 +1,364 @@
+"""The command line: what users type, read and script against."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+
+from graspmap import cli
+from graspmap.cli.frame import plain
+from graspmap.data import Scene, write_jacquard, write_predictions
+from graspmap.errors import FileError
+from graspmap.geometry import Grasps
+
+COMMANDS = [*cli.COMMANDS]
+
+
+def run(capsys, *words):
+    """(exit code, standard output, standard error) of one command."""
+    code = cli.main([str(word) for word in words])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def refused(capsys, *words):
+    """The one line that a mistake is answered with."""
+    code, out, err = run(capsys, *words)
+    lines = [line for line in err.splitlines() if "error" in line]
+    assert code == 2
+    assert out == ""
+    assert "Traceback" not in err
+    assert len(lines) == 1
+    assert lines[0].startswith("graspmap: error: ")
+    return lines[0]
+
+
+@pytest.fixture(scope="session")
+def weights(tmp_path_factory):
+    """A small depth network that has learned nothing."""
+    from graspmap.inference import WeightsCard, save_weights
+    from graspmap.networks import make_network
+
+    path = tmp_path_factory.mktemp("weights") / "w.safetensors"
+    card = WeightsCard(network="ggcnn2", channels="depth", size=64, width_scale_px=30.0)
+    save_weights(path, make_network("ggcnn2", 1, 1), card)
+    return path
+
+
+@pytest.fixture(scope="session")
+def pictures(tmp_path_factory):
+    """Colour and depth of one view, and a mask of another size."""
+    folder = tmp_path_factory.mktemp("pictures")
+    rng = np.random.default_rng(0)
+    cv2.imwrite(str(folder / "rgb.png"), rng.integers(0, 255, (60, 80, 3), dtype=np.uint8))
+    cv2.imwrite(str(folder / "depth.tiff"), rng.uniform(0.4, 0.6, (60, 80)).astype(np.float32))
+    cv2.imwrite(str(folder / "mm.tiff"), rng.uniform(400, 600, (60, 80)).astype(np.float32))
+    cv2.imwrite(str(folder / "holes.tiff"), np.zeros((60, 80), np.float32))
+    cv2.imwrite(str(folder / "mask.png"), np.full((30, 40), 255, np.uint8))
+    (folder / "cut.tiff").write_bytes((folder / "depth.tiff").read_bytes()[:400])
+    (folder / "empty.tiff").write_bytes(b"")
+    return folder
+
+
+@pytest.fixture
+def scenes(tmp_path):
+    """Two labelled scenes in Jacquard's layout."""
+    root = tmp_path / "scenes"
+    rgb = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)
+    grasps = Grasps([[30, 30]], [0.3], [20], [8])
+    for i in range(2):
+        depth = np.full((64, 64), 0.5, np.float32)
+        write_jacquard(Scene(f"{i}_thing", rgb, depth, None, grasps), root)
+    return root
+
+
+def test_overview_and_version(capsys):
+    code, out, _ = run(capsys, "--help")
+    assert code == 0
+    assert all(name in out for name in COMMANDS)
+    assert run(capsys)[0] == 2
+    assert run(capsys, "--version")[1].startswith("graspmap ")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_each_help_has_an_example(capsys, command):
+    code, out, _ = run(capsys, command, "--help")
+    assert code == 0
+    assert f"\n  graspmap {command} " in out
+
+
+def test_help_needs_no_library():
+    code = (
+        "import sys; from graspmap.cli import main; main(['--help']);"
+        "heavy = {'torch', 'numba', 'cv2', 'scipy', 'pydantic', 'lightning', 'rich', 'tyro'};"
+        "sys.exit(bool(heavy & set(sys.modules)))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        (["detec"], "did you mean 'detect'?"),
+        (["detect", "--rbg", "f"], "did you mean --rgb?"),
+        (["detect", "--top", "x"], "--top"),
+        (["detect", "--top"], "--top"),
+        (["detect", "--rgb", "a.png"], "graspmap weights import"),
+        (["detect", "--weights", "w"], "both missing"),
+        (["detect", "--region", "1,2,3"], "X,Y,W,H"),
+        (["detect", "--region", "1,2,3,nan"], "X,Y,W,H"),
+        (["detect", "--weights", "w", "--rgb", "a", "--overlay", "o.gif"], ".png"),
+        (["detect", "--weights", "w", "--rgb", "nowhere.png"], "nowhere.png: no such file"),
+        (["evaluate", "--data", "jacquard:x"], "exactly one"),
+        (["evaluate", "--weights", "w"], "--data"),
+        (["evaluate", "--data", "jaquard:x", "--weights", "w"], "jacquard"),
+        (["evaluate", "--data", "jacquard:nowhere", "--weights", "w"], "nowhere"),
+        (["train", "nowhere.yaml", "--out", "x"], "nowhere.yaml"),
+        (["train", "nowhere.yaml"], "--out"),
+        (["doctor"], "KIND:DIR"),
+        (["doctor", "nowhere"], "nowhere: there is no such folder"),
+        (["weights", "export"], "import"),
+        (["weights", "import", "ggcn", "f", "o.safetensors"], "ggcnn"),
+        (["weights", "import", "ggcnn", "nowhere.pt", "o.safetensors"], "nowhere.pt"),
+        (["weights", "import", "ggcnn", "f", "o.pt"], ".safetensors"),
+        (["weights", "import", "ggcnn", "f", "o.safetensors", "--view", "0"], "--view"),
+        (["demo", "--seconds", "0"], "--seconds"),
+        (["demo", "--scenes", "3"], "--scenes"),
+    ],
+)
+def test_mistakes_get_one_line(capsys, monkeypatch, tmp_path, words, part):
+    monkeypatch.chdir(tmp_path)
+    assert part in refused(capsys, *words)
+
+
+@pytest.mark.parametrize(
+    ("depth", "extra", "part"),
+    [
+        ("mm.tiff", [], "millimetres"),
+        ("holes.tiff", [], "depth"),
+        ("cut.tiff", [], "cut.tiff"),
+        ("empty.tiff", [], "empty.tiff"),
+        ("depth.tiff", ["--mask", "mask.png"], "mask.png: is 40 x 30 px"),
+        ("depth.tiff", ["--region", "500,500,10,10"], "region"),
+        ("depth.tiff", ["--top", "0"], "top"),
+        ("depth.tiff", ["--device", "nonsense"], "device"),
+        ("depth.tiff", ["--camera", "rgb.png"], "rgb.png"),
+    ],
+)
+def test_detect_refuses_bad_input(capsys, monkeypatch, weights, pictures, depth, extra, part):
+    monkeypatch.chdir(pictures)
+    assert part in refused(capsys, "detect", "--weights", weights, "--depth", depth, *extra)
+
+
+def test_detect_needs_the_pictures_of_its_network(capsys, weights, pictures):
+    line = refused(capsys, "detect", "--weights", weights, "--rgb", pictures / "rgb.png")
+    assert "depth" in line
+
+
+@pytest.mark.parametrize("content", [b"", b"junk", b"\x80\x02}q\x00.", b"PK\x03\x04"])
+def test_what_are_no_weights_is_refused(capsys, pictures, tmp_path, content):
+    bad = tmp_path / "bad.safetensors"
+    bad.write_bytes(content)
+    words = ("detect", "--weights", bad, "--depth", pictures / "depth.tiff")
+    assert "bad.safetensors" in refused(capsys, *words)
+
+
+def test_detect_writes_what_it_says(capsys, weights, pictures, tmp_path):
+    camera = tmp_path / "camera.json"
+    camera.write_text(json.dumps({"fx": 80, "fy": 80, "cx": 40, "cy": 30, "width": 80,
+                                  "height": 60}))  # fmt: skip
+    code, out, err = run(
+        capsys, "detect", "--weights", weights, "--depth", pictures / "depth.tiff",
+        "--rgb", pictures / "rgb.png", "--camera", camera, "--top", 3, "--threshold", -9,
+        "--overlay", tmp_path / "new" / "o.png", "--json", "-",
+    )  # fmt: skip
+    found = json.loads(out)
+    assert code == 0
+    assert found["image"] == {"width": 80, "height": 60}
+    assert 1 <= len(found["grasps"]) <= 3
+    assert {"x", "y", "angle", "width", "height", "quality", "position_m", "width_m"} <= set(
+        found["grasps"][0]
+    )
+    assert "1. centre" in err
+    assert cv2.imread(str(tmp_path / "new" / "o.png")).shape[2] == 3
+
+
+def test_results_are_refused_a_bad_place_before_the_work(capsys, weights, pictures, tmp_path):
+    (tmp_path / "file").write_text("")
+    words = ("detect", "--weights", weights, "--depth", pictures / "depth.tiff", "--json")
+    assert "is a folder" in refused(capsys, *words, tmp_path)
+    assert "file" in refused(capsys, *words, tmp_path / "file" / "x.json")
+
+
+def test_evaluate_weights_and_baseline(capsys, weights, scenes, tmp_path):
+    words = ("evaluate", "--data", f"jacquard:{scenes}", "--weights", weights, "--baseline")
+    code, out, _ = run(capsys, *words, "--out", tmp_path / "e", "--json", tmp_path / "e.json")
+    summary = json.loads((tmp_path / "e.json").read_text())
+    assert code == 0
+    assert summary["scenes"] == 2
+    assert set(summary["success"]) == {"0.25", "0.30", "0.50", "0.75"}
+    assert summary["per_scene"] == str(tmp_path / "e" / "per_scene.csv")
+    assert summary["baseline"]["scenes"] == 2
+    assert "always the centre" in out
+
+
+def test_evaluate_predictions_that_are_the_labels(capsys, scenes, tmp_path):
+    labels = Grasps([[30, 30]], [0.3], [20], [8])
+    file = tmp_path / "p.txt"
+    write_predictions(file, {f"{i}_thing": labels for i in range(2)}, size_px=64)
+    words = ("evaluate", "--data", f"jacquard:{scenes}", "--predictions", file, "--json", "-")
+    code, out, _ = run(capsys, *words)
+    assert code == 0
+    assert json.loads(out)["success"]["0.75"] == 1.0
+
+
+def test_a_split_that_is_not_there(capsys, weights, scenes):
+    words = ("evaluate", "--data", f"jacquard:{scenes}", "--weights", weights, "--split", "test")
+    assert "--split FILE.json:test" in refused(capsys, *words)
+
+
+def test_evaluate_warns_of_training_scenes(capsys, weights, scenes, tmp_path):
+    copy = tmp_path / "w.safetensors"
+    copy.write_bytes(weights.read_bytes())
+    (tmp_path / "split.json").write_text("{}")
+    _, _, err = run(capsys, "evaluate", "--data", f"jacquard:{scenes}", "--weights", copy)
+    assert "may have been trained on" in err
+
+
+def test_train_hands_flags_to_the_experiment(capsys, monkeypatch, tmp_path, scenes):
+    import graspmap.training
+
+    file = tmp_path / "e.yaml"
+    file.write_text(f"data: {{source: 'jacquard:{scenes}'}}\n")
+    seen = {}
+
+    def train(experiment, out, *, command, progress):
+        seen.update(experiment=experiment, command=command)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(graspmap.training, "train", train, raising=False)
+    words = ("train", file, "--training.epochs", 3, "--network.bins=2", "--out", tmp_path / "o")
+    code, _, err = run(capsys, *words)
+    assert (code, err.count("\n")) == (130, 1)
+    assert seen["experiment"].training.epochs == 3
+    assert seen["experiment"].network.bins == 2
+    assert seen["command"].startswith("graspmap train ")
+    assert "training.epochs?" in refused(capsys, *words[:2], "--training.epoch", 3, *words[5:])
+    assert "training.epochs" in refused(capsys, *words[:2], "--training.epochs", "x", *words[5:])
+
+
+def test_doctor_of_scenes_and_weights(capsys, scenes, weights, tmp_path):
+    sheet, report = tmp_path / "s.png", tmp_path / "r.json"
+    code, out, _ = run(capsys, "doctor", f"jacquard:{scenes}", "--sheet", sheet, "--json", report)
+    assert code == 0
+    assert "opening median" in out
+    assert json.loads(report.read_text())["count"] == 2
+    assert cv2.imread(str(sheet)) is not None
+    code, out, _ = run(capsys, "doctor", weights.parent)
+    assert code == 0
+    assert "66,676 parameters" in out
+    assert "--sheet" in refused_after_output(capsys, "doctor", weights.parent, "--sheet", sheet)
+
+
+def refused_after_output(capsys, *words):
+    code, _, err = run(capsys, *words)
+    assert code == 2
+    return err
+
+
+def test_doctor_of_broken_weights(capsys, tmp_path):
+    (tmp_path / "a.pt").write_bytes(b"junk")
+    code, out, _ = run(capsys, "doctor", f"weights:{tmp_path}")
+    assert code == 2
+    assert "a.pt" in out
+
+
+def test_published_weights_from_import_to_grasp(capsys, data_dir, tmp_path):
+    """The whole way with real files: the best grasp lies across the remote control."""
+    source = data_dir / "weights" / "ggcnn" / "ggcnn2_epoch_50_cornell_statedict.pt"
+    out = tmp_path / "w.safetensors"
+    code, _, _ = run(capsys, "weights", "import", "ggcnn2", source, out)
+    assert code == 0
+    raw = data_dir / "cornell-raw"
+    # Where the remote control lies, seen by eye: its middle, and the direction across it.
+    for name, middle, across in (("pcd0100", (298, 305), 0.0), ("pcd0101", (285, 295), 90.0)):
+        code, text, _ = run(
+            capsys, "detect", "--weights", out, "--rgb", raw / f"{name}r.png",
+            "--depth", raw / f"{name}d.tiff", "--region", "150,150,300,300", "--json", "-",
+        )  # fmt: skip
+        (grasp,) = json.loads(text)["grasps"]
+        assert np.hypot(grasp["x"] - middle[0], grasp["y"] - middle[1]) < 45
+        turn = abs((np.degrees(grasp["angle"]) - across + 90) % 180 - 90)
+        assert turn < 20
+
+
+def test_errors_of_the_system_are_one_line(capsys, monkeypatch):
+    import graspmap.cli.doctor as command
+
+    for error, code, part in (
+        (PermissionError(13, "Permission denied", "secret.png"), 2, "secret.png"),
+        (FileError("a", "b", "c"), 2, "a: b; c"),
+        (KeyboardInterrupt(), 130, "stopped"),
+        (MemoryError(), 2, "out of memory"),
+    ):
+
+        def fail(argv, error=error):
+            raise error
+
+        monkeypatch.setattr(command, "run", fail)
+        got, _, err = run(capsys, "doctor", "x")
+        assert got == code
+        assert part in err
+        assert err.count("\n") == 1
+
+
+def test_defects_keep_their_traceback(monkeypatch):
+    import graspmap.cli.doctor as command
+
+    def fail(argv):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(command, "run", fail)
+    with pytest.raises(ZeroDivisionError):
+        cli.main(["doctor", "x"])
+
+
+def test_a_reader_that_goes_away_is_no_error(scenes):
+    line = f"{sys.executable} -m graspmap.cli doctor jacquard:{scenes} --json - | head -c 1"
+    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True)
+    assert "Traceback" not in done.stderr
+    assert "BrokenPipe" not in done.stderr
+
+
+def test_json_has_only_what_json_knows():
+    value = {"a": np.float32(1.5), "b": np.array([1, np.nan]), "c": (float("inf"), None, True)}
+    assert json.loads(json.dumps(plain(value))) == {
+        "a": 1.5,
+        "b": [1.0, None],
+        "c": [None, None, True],
+    }
+
+
+def test_demo_end_to_end(capsys, monkeypatch, tmp_path):
+    """A demo in small: the whole path, then a second call that only has to show the result."""
+    from graspmap.cli import demo
+
+    monkeypatch.setattr(demo, "_SIDE", 64)
+    monkeypatch.setattr(demo, "_LEAST_EPOCHS", 2)
+    words = ("demo", "--out", tmp_path / "d", "--seconds", 0.1, "--scenes", 50, "--json", "-")
+    code, out, err = run(capsys, *words)
+    summary = json.loads(out)
+    assert code == 0
+    assert summary["scenes"] >= 3
+    assert "success" in err
+    assert cv2.imread(summary["picture"]) is not None
+    page = (tmp_path / "d" / "index.html").read_text()
+    assert "data:image/png;base64," in page
+    assert "http" not in page
+    again = json.loads(run(capsys, *words)[1])
+    assert again["success"] == summary["success"]
