@@ -78,7 +78,7 @@ class Samples:
 
     def from_store(self) -> tuple[np.ndarray, GraspMaps]:
         """Warp and draw one scene from the packed store."""
-        scene = self.store.scene(self.next())
+        scene = self.store[self.next()]
         return self._sample(scene.rgb, scene.depth, scene.grasps, np.eye(3))
 
     def _sample(self, rgb, depth, grasps, view) -> tuple[np.ndarray, GraspMaps]:  # noqa: ANN001

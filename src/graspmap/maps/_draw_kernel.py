@@ -103,57 +103,94 @@ def _distance(frame: Any, row: int, column: int) -> float:
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def nearest_grasps(
-    regions: Floats, bins: Integers, published: bool, distance: Singles, winner: Integers
+def _nearest(
+    region: Floats,
+    k: int,
+    published: bool,
+    spans: tuple[Integers, Integers],
+    distance: Singles,
+    winner: Integers,
 ) -> None:
-    """For each pixel the grasp that lies nearest in its own relative frame.
+    """Let grasp k take the pixels of its region that lie nearer to it than to their winner."""
+    start, stop = spans
+    first, last = row_spans(region, distance.shape, start, stop)
+    if first == last:
+        return
+    x, y, ux, uy, vx, vy = _frame(region, published, _box(first, last, start, stop))
+    for row in range(first, last):
+        d_row = distance[row, start[row] : stop[row]]
+        w_row = winner[row, start[row] : stop[row]]
+        u0 = ux * (start[row] - x) + uy * (row - y)
+        v0 = vx * (start[row] - x) + vy * (row - y)
+        # Both are written whether they change or not, which lets the compiler use vectors.
+        for i in range(len(d_row)):
+            u, v = u0 + ux * i, v0 + vx * i
+            d = np.float32(u * u + v * v)
+            nearer = d < d_row[i]
+            w_row[i] = k if nearer else w_row[i]
+            d_row[i] = d if nearer else d_row[i]
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def paint_best(
+    regions: Floats,
+    bins: Integers,
+    values: Singles,
+    published: bool,
+    cos_outside: float,
+    maps: Singles,
+    covered: Integers,
+    distance: Singles,
+) -> int:
+    """At each pixel the four values of the grasp that lies nearest in its own relative frame.
 
     Args:
         regions: (K, 6) as in `row_spans`; of two equally near grasps the first one wins.
         bins: (K,) orientation bins.
+        values: (K, 3) cos 2a, sin 2a, width divided by the width scale.
         published: Measure in the box around the covered pixels instead of the grasp's frame.
-        distance: (N, H, W) in and out: u^2 + v^2 of the winner; infinite at the start.
-        winner: (N, H, W) out: number of the grasp; untouched where there is none.
+        cos_outside: cos 2a where there is no grasp; the other maps are 0 there.
+        maps: (4, N, H, W) out, every element: quality (1 wherever there is a grasp), cos, sin,
+            width.
+        covered: (N H W,) out: in its first elements, indices in N H W of the pixels with a grasp.
+        distance: (N H W,) out: u^2 + v^2 of the winner at each of these pixels.
+
+    Returns:
+        Number of pixels with a grasp.
     """
-    rows, columns = winner.shape[1:]
-    start, stop = np.empty(rows, np.int32), np.empty(rows, np.int32)
-    for k in range(len(regions)):
-        first, last = row_spans(regions[k], (rows, columns), start, stop)
-        if first == last:
-            continue
-        x, y, ux, uy, vx, vy = _frame(regions[k], published, _box(first, last, start, stop))
-        for row in range(first, last):
-            d_row = distance[bins[k], row, start[row] : stop[row]]
-            w_row = winner[bins[k], row, start[row] : stop[row]]
-            u0 = ux * (start[row] - x) + uy * (row - y)
-            v0 = vx * (start[row] - x) + vy * (row - y)
-            # Both are written whether they change or not, which lets the compiler use vectors.
-            for i in range(len(d_row)):
-                u, v = u0 + ux * i, v0 + vx * i
-                d = np.float32(u * u + v * v)
-                nearer = d < d_row[i]
-                w_row[i] = k if nearer else w_row[i]
-                d_row[i] = d if nearer else d_row[i]
+    count, rows, columns = maps.shape[1:]
+    nearest = np.empty((rows, columns), np.float32)
+    winner = np.empty((rows, columns), np.int32)
+    spans = (np.empty(rows, np.int32), np.empty(rows, np.int32))
+    found = 0
+    for b in range(count):
+        nearest[:] = np.inf
+        for k in range(len(regions)):
+            if bins[k] == b:
+                _nearest(regions[k], k, published, spans, nearest, winner)
+        for row in range(rows):
+            for column in range(columns):
+                d = nearest[row, column]
+                q = s = w = np.float32(0.0)
+                c = np.float32(cos_outside)
+                if d < np.inf:
+                    k = winner[row, column]
+                    q, c, s, w = np.float32(1.0), values[k, 0], values[k, 1], values[k, 2]
+                    covered[found] = (b * rows + row) * columns + column
+                    distance[found] = d
+                    found += 1
+                maps[0, b, row, column] = q
+                maps[1, b, row, column] = c
+                maps[2, b, row, column] = s
+                maps[3, b, row, column] = w
+    return found
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def paint_winners(distance: Singles, winner: Integers, values: Singles, maps: Singles) -> None:
-    """Write the winner's cos 2a, sin 2a and width wherever a grasp won.
-
-    Args:
-        distance: (N, H, W) from `nearest_grasps`.
-        winner: (N, H, W) from `nearest_grasps`.
-        values: (K, 3) cos 2a, sin 2a, width divided by the width scale.
-        maps: (3, N, H, W) out: cos, sin, width.
-    """
-    for b in range(winner.shape[0]):
-        for row in range(winner.shape[1]):
-            for column in range(winner.shape[2]):
-                if distance[b, row, column] < np.inf:
-                    k = winner[b, row, column]
-                    maps[0, b, row, column] = values[k, 0]
-                    maps[1, b, row, column] = values[k, 1]
-                    maps[2, b, row, column] = values[k, 2]
+def put(values: Singles, indices: Integers, target: Singles) -> None:
+    """Write (P,) values to (P,) indices of a flat map."""
+    for i in range(len(values)):
+        target[indices[i]] = values[i]
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]

@@ -102,31 +102,22 @@ def draw_maps(
     regions, values = _regions(grasps), _values(grasps, width_scale)
     numbers = bin_of(grasps.angle, bins).astype(np.int32)
     boxed, low = gaussian == "published", LEAST_QUALITY[quality]
-    maps = np.zeros((4, bins, rows, columns), np.float32)
-    if background == "published":
-        maps[1] = 1.0
-    if not len(grasps):
-        pass
-    elif overlap == "best":
-        distance = np.full((bins, rows, columns), np.inf, np.float32)
-        winner = np.empty((bins, rows, columns), np.int32)
-        kernel.nearest_grasps(regions, numbers, boxed, distance, winner)
-        kernel.paint_winners(distance, winner, values, maps[1:])
-        _paint_quality(distance, drop_off, low, maps[0])
+    cos_outside = 1.0 if background == "published" else 0.0
+    maps = np.empty((4, bins, rows, columns), np.float32)
+    if overlap == "best":
+        covered = np.empty(maps[0].size, np.int32)
+        distance = np.empty(maps[0].size, np.float32)
+        count = kernel.paint_best(
+            regions, numbers, values, boxed, cos_outside, maps, covered, distance
+        )
+        if low < 1.0:
+            inside = np.exp(distance[:count] * np.float32(-1.0 / drop_off))
+            kernel.put(np.maximum(inside, np.float32(low)), covered, maps[0].reshape(-1))
     else:
+        maps[:] = 0.0
+        maps[1] = cos_outside
         kernel.paint_published(regions, numbers, grasps.angle, values, boxed, drop_off, low, maps)
     return GraspMaps(*maps)
-
-
-def _paint_quality(distance: Singles, drop_off: float, low: float, quality: Singles) -> None:
-    """Write max(low, exp(-distance / drop_off)) wherever the distance is finite, else 0."""
-    if low >= 1.0:
-        np.less(distance, np.inf, out=quality, casting="unsafe")
-        return
-    np.multiply(distance, np.float32(-1.0 / drop_off), out=quality)
-    np.exp(quality, out=quality)
-    if low > 0.0:
-        np.maximum(quality, np.float32(low), out=quality, where=distance < np.inf)
 
 
 def _regions(grasps: Grasps) -> NDArray[np.float64]:

@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 import torch
 from lightning.pytorch import Trainer
+from lightning.pytorch.utilities.exceptions import SIGTERMException
 
 from graspmap.data import channel_count
 from graspmap.inference import DataCard, WeightsCard, load_weights, save_weights
@@ -74,7 +75,7 @@ def train(
         UnknownNameError: There is no such network.
         FileError: The data or the folder cannot be used; see `graspmap.training.setup`.
         GraspmapError: The loss is no longer a number.
-        KeyboardInterrupt: The user stopped it; all but the last minutes are kept.
+        KeyboardInterrupt: The user or a SIGTERM stopped it; all but the last minutes are kept.
     """
     folder, progress = Folder(Path(out)), progress or no_progress
     device = choose_device(experiment)
@@ -254,13 +255,13 @@ def _quiet_lightning() -> Iterator[None]:
 
 @contextmanager
 def _interruptible() -> Iterator[None]:
-    """Let Ctrl-C through: Lightning turns it into an exit code and goes deaf to it."""
+    """Let Ctrl-C and a scheduler's SIGTERM through: Lightning turns both into an exit code."""
     main = threading.current_thread() is threading.main_thread()
     handler = signal.getsignal(signal.SIGINT)
     try:
         yield
     except SystemExit as stop:
-        if isinstance(stop.__context__, KeyboardInterrupt):
+        if isinstance(stop, SIGTERMException) or isinstance(stop.__context__, KeyboardInterrupt):
             raise KeyboardInterrupt from None
         raise
     finally:
