@@ -23,7 +23,7 @@ TOLERANCE_PX = 1e-6
 rounding does not decide about the pixels that lie on the border itself."""
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def _limits(low: float, high: float, slope: float, offset: float, half: float) -> Any:
     """Cut [low, high] down to the x with |slope x + offset| <= half."""
     if slope == 0.0:
@@ -32,7 +32,7 @@ def _limits(low: float, high: float, slope: float, offset: float, half: float) -
     return max(low, min(first, second)), min(high, max(first, second))
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def row_spans(region: Floats, shape: tuple[int, int], start: Integers, stop: Integers) -> Any:
     """Columns that a region covers in each row of the image.
 
@@ -67,7 +67,7 @@ def row_spans(region: Floats, shape: tuple[int, int], start: Integers, stop: Int
     return (first, last) if first < last else (0, 0)
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def _box(first: int, last: int, start: Integers, stop: Integers) -> Any:
     """Centre and half size of the box around the covered pixels: x, y, half width, half height."""
     left, right = start[first], stop[first] - 1
@@ -77,7 +77,7 @@ def _box(first: int, last: int, start: Integers, stop: Integers) -> Any:
     return (left + right) / 2, (first + last - 1) / 2, (right - left) / 2, (last - 1 - first) / 2
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def _frame(region: Floats, published: bool, box: Any) -> Any:
     """The frame in which the relative distance is measured, as u = a dx + b dy, v = c dx + d dy.
 
@@ -94,26 +94,27 @@ def _frame(region: Floats, published: bool, box: Any) -> Any:
     return x, y, c / half_u, -s / half_u, s / half_v, c / half_v
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def _distance(frame: Any, row: int, column: int) -> float:
     """u^2 + v^2 at a pixel."""
     x, y, ux, uy, vx, vy = frame
     dx, dy = column - x, row - y
-    return (ux * dx + uy * dy) ** 2 + (vx * dx + vy * dy) ** 2
+    distance: float = (ux * dx + uy * dy) ** 2 + (vx * dx + vy * dy) ** 2
+    return distance
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def _nearest(
     region: Floats,
     k: int,
     published: bool,
+    limits: tuple[int, int],
     spans: tuple[Integers, Integers],
     distance: Singles,
     winner: Integers,
 ) -> None:
-    """Let grasp k take the pixels of its region that lie nearer to it than to their winner."""
-    start, stop = spans
-    first, last = row_spans(region, distance.shape, start, stop)
+    """Let grasp k take the pixels of its row spans that lie nearer to it than to their winner."""
+    (first, last), (start, stop) = limits, spans
     if first == last:
         return
     x, y, ux, uy, vx, vy = _frame(region, published, _box(first, last, start, stop))
@@ -131,13 +132,12 @@ def _nearest(
             d_row[i] = d if nearer else d_row[i]
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def paint_best(
     regions: Floats,
     bins: Integers,
     values: Singles,
     published: bool,
-    cos_outside: float,
     maps: Singles,
     covered: Integers,
     distance: Singles,
@@ -149,9 +149,8 @@ def paint_best(
         bins: (K,) orientation bins.
         values: (K, 3) cos 2a, sin 2a, width divided by the width scale.
         published: Measure in the box around the covered pixels instead of the grasp's frame.
-        cos_outside: cos 2a where there is no grasp; the other maps are 0 there.
-        maps: (4, N, H, W) out, every element: quality (1 wherever there is a grasp), cos, sin,
-            width.
+        maps: (4, N, H, W) out: quality (1 wherever there is a grasp), cos, sin, width; untouched
+            where there is none.
         covered: (N H W,) out: in its first elements, indices in N H W of the pixels with a grasp.
         distance: (N H W,) out: u^2 + v^2 of the winner at each of these pixels.
 
@@ -162,38 +161,41 @@ def paint_best(
     nearest = np.empty((rows, columns), np.float32)
     winner = np.empty((rows, columns), np.int32)
     spans = (np.empty(rows, np.int32), np.empty(rows, np.int32))
+    left, right = np.empty(rows, np.int32), np.empty(rows, np.int32)
     found = 0
     for b in range(count):
         nearest[:] = np.inf
+        left[:], right[:] = columns, 0
         for k in range(len(regions)):
             if bins[k] == b:
-                _nearest(regions[k], k, published, spans, nearest, winner)
+                first, last = row_spans(regions[k], (rows, columns), *spans)
+                _nearest(regions[k], k, published, (first, last), spans, nearest, winner)
+                for row in range(first, last):
+                    left[row] = min(left[row], spans[0][row])
+                    right[row] = max(right[row], spans[1][row])
         for row in range(rows):
-            for column in range(columns):
+            for column in range(left[row], right[row]):
                 d = nearest[row, column]
-                q = s = w = np.float32(0.0)
-                c = np.float32(cos_outside)
                 if d < np.inf:
                     k = winner[row, column]
-                    q, c, s, w = np.float32(1.0), values[k, 0], values[k, 1], values[k, 2]
+                    maps[0, b, row, column] = 1.0
+                    maps[1, b, row, column] = values[k, 0]
+                    maps[2, b, row, column] = values[k, 1]
+                    maps[3, b, row, column] = values[k, 2]
                     covered[found] = (b * rows + row) * columns + column
                     distance[found] = d
                     found += 1
-                maps[0, b, row, column] = q
-                maps[1, b, row, column] = c
-                maps[2, b, row, column] = s
-                maps[3, b, row, column] = w
     return found
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def put(values: Singles, indices: Integers, target: Singles) -> None:
     """Write (P,) values to (P,) indices of a flat map."""
     for i in range(len(values)):
         target[indices[i]] = values[i]
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def paint_published(
     regions: Floats,
     bins: Integers,

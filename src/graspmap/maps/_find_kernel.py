@@ -13,8 +13,6 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from graspmap.maps._draw_kernel import row_spans
-
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Bools = NDArray[np.bool_]
@@ -25,7 +23,7 @@ SAME_WIDTH = 0.1
 """Pixels of one plateau have openings within this part of the one at its seed, or 1 pixel."""
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def local_values(
     quality: Singles, others: tuple[Singles, Singles, Singles], y: int, x: int, sigmas: Any
 ) -> Any:
@@ -72,7 +70,7 @@ def local_values(
     return sum_c / total_a, sum_s / total_a, sum_w / total_w, agreement
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def strongest_near(quality: Singles, y: int, x: int, reach: int) -> Any:
     """Row and column of the greatest quality within ``reach`` pixels; of equals the nearest."""
     rows, columns = quality.shape
@@ -86,7 +84,7 @@ def strongest_near(quality: Singles, y: int, x: int, reach: int) -> Any:
     return best_y, best_x
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def belongs(
     quality: Singles, others: tuple[Singles, Singles, Singles], row: int, column: int, seed: Any
 ) -> bool:
@@ -98,10 +96,10 @@ def belongs(
     dot = cos * c + sin * s
     if dot < 0.0 or dot * dot < same_angle * (cos * cos + sin * sin) * (c * c + s * s):
         return False
-    return abs(float(others[2][row, column]) - w) <= slack
+    return bool(abs(float(others[2][row, column]) - w) <= slack)
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def plateau(
     quality: Singles,
     others: tuple[Singles, Singles, Singles],
@@ -148,7 +146,7 @@ def plateau(
     return count
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def box_middle(pixels: NDArray[np.int32], shape: tuple[int, int], c: float, s: float) -> Any:
     """Middle of the box around a plateau in the grasp's frame, and how full the box is.
 
@@ -162,8 +160,8 @@ def box_middle(pixels: NDArray[np.int32], shape: tuple[int, int], c: float, s: f
         s: sin a of the grasp's angle.
 
     Returns:
-        x, y, and the part of the image's pixels in the box that belong to the plateau; 0 when the
-        plateau goes from border to border both ways, because then nothing bounds it.
+        x, y, and the plateau's part of the pixels in the box; 0 when the plateau goes from border
+        to border both ways, because then nothing bounds it.
     """
     low_u = low_v = left = top = np.inf
     high_u = high_v = right = bottom = -np.inf
@@ -178,11 +176,17 @@ def box_middle(pixels: NDArray[np.int32], shape: tuple[int, int], c: float, s: f
     x, y = c * u + s * v, c * v - s * u
     if right - left >= shape[1] - 1 and bottom - top >= shape[0] - 1 and len(pixels) > 1:
         return x, y, 0.0
-    box = np.array([x, y, c, s, (high_u - low_u) / 2, (high_v - low_v) / 2])
-    return x, y, len(pixels) / max(_pixels_in(box, shape), 1)
+    inside = 0
+    for row in range(int(top), int(bottom) + 1):
+        for column in range(int(left), int(right) + 1):
+            du, dv = c * column - s * row - low_u, s * column + c * row - low_v
+            # The extreme pixels lie on the border of the box: rounding must not drop them.
+            if -1e-6 <= du <= high_u - low_u + 1e-6 and -1e-6 <= dv <= high_v - low_v + 1e-6:
+                inside += 1
+    return x, y, len(pixels) / inside
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def mean_pixel(pixels: NDArray[np.int32], allowed: Bools) -> Any:
     """Mean x, y of (P, 2) pixels, or the pixel nearest it where the mean lies beside them."""
     x = y = 0.0
@@ -200,18 +204,7 @@ def mean_pixel(pixels: NDArray[np.int32], allowed: Bools) -> Any:
     return x, y
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _pixels_in(region: Floats, shape: tuple[int, int]) -> int:
-    """Number of pixels of the image in a region, which is (6,) as in `row_spans`."""
-    start, stop = np.empty(shape[0], np.int32), np.empty(shape[0], np.int32)
-    first, last = row_spans(region, shape, start, stop)
-    count = 0
-    for row in range(first, last):
-        count += max(stop[row] - start[row], 0)
-    return count
-
-
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def gaussian_sums(quality: Singles, pixels: NDArray[np.int32], frame: Any) -> Any:
     """Normal equations of the fit log q = p0 + p1 s + p2 s^2 + p3 t + p4 t^2.
 
@@ -241,7 +234,7 @@ def gaussian_sums(quality: Singles, pixels: NDArray[np.int32], frame: Any) -> An
     return sums
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def is_flat(quality: Singles, pixels: NDArray[np.int32]) -> bool:
     """Whether the quality at the (P, 2) pixels is the same to a ten-thousandth."""
     low, high = np.inf, -np.inf

@@ -18,6 +18,8 @@ Singles = NDArray[np.float32]
 Bools = NDArray[np.bool_]
 Integers = NDArray[np.int32]
 Point = tuple[float, float]
+Values = tuple[float, float, float]
+"""cos, sin and scaled width."""
 
 PLATEAU_LEVEL = 0.89
 """Part of the smoothed peak that a plateau's pixels reach; just under the 0.9 of soft maps."""
@@ -78,7 +80,8 @@ def refined_peaks(
         b, y, x = (int(i) for i in np.unravel_index(seed, score.shape))
         if taken[b, y, x] or near(found, x, y, distance):
             continue
-        here = _Bin(*(m[b] for m in arrays), everywhere, taken[b])
+        q, c, s, w = (m[b] for m in arrays)
+        here = _Bin(q, c, s, w, everywhere, taken[b])
         peak = float(score[b, y, x])
         (cx, cy), values = _grasp_at(here, y, x, peak, smoothing[1:], one_pixel, pixels)
         if not near(found, cx, cy, distance):
@@ -96,13 +99,9 @@ def _grasp_at(
     sigmas: tuple[float, float],
     one_pixel: float,
     pixels: Integers,
-) -> tuple[Point, tuple[float, float, float]]:
+) -> tuple[Point, Values]:
     """Centre (x, y) and (cos, sin, width) of the grasp that the peak at (y, x) shows."""
-    values = _values_at(maps, y, x, sigmas)
-    if values is None:
-        # Several grasps meet here: their mean would be none of them.
-        row, column = kernel.strongest_near(maps.quality, y, x, 2)
-        values = tuple(float(m[row, column]) for m in maps.others)
+    values = _values_at(maps, y, x, sigmas) or _strongest_values(maps, y, x)
     slack = max(kernel.SAME_WIDTH * abs(values[2]), one_pixel)
     like = (PLATEAU_LEVEL * peak, *values, slack, kernel.SAME_ANGLE)
     row, column = y, x
@@ -122,17 +121,23 @@ def _grasp_at(
     return center, at_center or values
 
 
-def _values_at(
-    maps: _Bin, y: int, x: int, sigmas: tuple[float, float]
-) -> tuple[float, float, float] | None:
+def _values_at(maps: _Bin, y: int, x: int, sigmas: tuple[float, float]) -> Values | None:
     """Mean cos, sin and width around (y, x); None where the angles there do not agree."""
     c, s, w, agreement = kernel.local_values(maps.quality, maps.others, y, x, sigmas)
     return (c, s, w) if agreement > AGREEMENT else None
 
 
-def _drawn_center(
-    maps: _Bin, y: int, x: int, values: tuple[float, float, float], angle: float
-) -> Point | None:
+def _strongest_values(maps: _Bin, y: int, x: int) -> Values:
+    """cos, sin, width of the strongest pixel near (y, x).
+
+    For places where several grasps meet: their mean would be none of them.
+    """
+    row, column = kernel.strongest_near(maps.quality, y, x, 2)
+    c, s, w = (float(m[row, column]) for m in maps.others)
+    return c, s, w
+
+
+def _drawn_center(maps: _Bin, y: int, x: int, values: Values, angle: float) -> Point | None:
     """Centre (x, y) of the whole drawn region around (y, x); None if this is no drawn region.
 
     Drawn maps show one and the same angle and width at every pixel of a region, and the region

@@ -102,20 +102,17 @@ def draw_maps(
     regions, values = _regions(grasps), _values(grasps, width_scale)
     numbers = bin_of(grasps.angle, bins).astype(np.int32)
     boxed, low = gaussian == "published", LEAST_QUALITY[quality]
-    cos_outside = 1.0 if background == "published" else 0.0
-    maps = np.empty((4, bins, rows, columns), np.float32)
+    maps = np.zeros((4, bins, rows, columns), np.float32)
+    if background == "published":
+        maps[1] = 1.0
     if overlap == "best":
         covered = np.empty(maps[0].size, np.int32)
         distance = np.empty(maps[0].size, np.float32)
-        count = kernel.paint_best(
-            regions, numbers, values, boxed, cos_outside, maps, covered, distance
-        )
+        count = kernel.paint_best(regions, numbers, values, boxed, maps, covered, distance)
         if low < 1.0:
             inside = np.exp(distance[:count] * np.float32(-1.0 / drop_off))
             kernel.put(np.maximum(inside, np.float32(low)), covered, maps[0].reshape(-1))
     else:
-        maps[:] = 0.0
-        maps[1] = cos_outside
         kernel.paint_published(regions, numbers, grasps.angle, values, boxed, drop_off, low, maps)
     return GraspMaps(*maps)
 

@@ -205,7 +205,7 @@ def _check_mask(mask: ArrayLike | None, shape: tuple[int, ...]) -> Bools | None:
 
 
 def _check_settings(
-    top: int, width_scale: float, height: float | None, smoothing: tuple[float, float, float]
+    top: int, width_scale: float, height: float | None, smoothing: tuple[float, ...]
 ) -> None:
     if top < 1 or top != int(top):
         raise InvalidInputError("top", top, "a whole number, 1 or more")
