@@ -25,6 +25,7 @@ FLOOR = {
     "inference": 4,
     "training": 5,
     "evaluation": 5,
+    "doctor": 5,
     "robot": 5,
     "cli": 6,
     "web": 6,

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from graspmap.data import Scene, write_jacquard
-from graspmap.data.doctor import examine
-from graspmap.data.doctor_axes import AxisVotes
-from graspmap.data.doctor_meshes import read_mesh
+from graspmap.doctor import examine
+from graspmap.doctor.axes import AxisVotes
+from graspmap.doctor.meshes import read_mesh
 from graspmap.errors import (
     DatasetNotFoundError,
     FileFormatError,

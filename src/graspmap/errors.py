@@ -134,6 +134,8 @@ def storage_errors(path: Path | str) -> Iterator[None]:
             ) from error
         if isinstance(error, NotADirectoryError | FileExistsError | IsADirectoryError):
             raise FileError(
-                path, "a file stands where a folder is needed, or the reverse", "choose another name"
+                path,
+                "a file stands where a folder is needed, or the reverse",
+                "choose another name",
             ) from error
         raise

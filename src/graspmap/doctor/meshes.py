@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspmap.data.doctor_report import Report, Update, nothing
+from graspmap.doctor.report import Report, Update, nothing
 from graspmap.errors import DatasetNotFoundError, FileFormatError
 
 MESH_SUFFIXES = (".obj", ".ply", ".stl")

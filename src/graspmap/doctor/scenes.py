@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from graspmap.data import files
 from graspmap.data.cornell import CornellScenes, read_labels
-from graspmap.data.doctor_axes import READINGS, AxisVotes
-from graspmap.data.doctor_labels import LabelCount, explain_line
-from graspmap.data.doctor_report import Report, Update, nothing
 from graspmap.data.jacquard import JacquardScenes
 from graspmap.data.kinds import read_scenes
 from graspmap.data.scene import Scene, Scenes
+from graspmap.doctor.axes import READINGS, AxisVotes
+from graspmap.doctor.labels import LabelCount, explain_line
+from graspmap.doctor.report import Report, Update, nothing
 from graspmap.errors import FileError, GraspmapError
 
 MOST_PICTURES = 1000

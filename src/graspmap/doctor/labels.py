@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspmap.data import files
-from graspmap.data.doctor_report import Report
 from graspmap.data.scene import Scenes
+from graspmap.doctor.report import Report
 from graspmap.errors import GraspmapError
 from graspmap.geometry.grasps import Grasps
 

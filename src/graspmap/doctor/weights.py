@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from graspmap.data.doctor_report import Report, Update, nothing
+from graspmap.doctor.report import Report, Update, nothing
 from graspmap.errors import DatasetNotFoundError, GraspmapError, WeightsError
 from graspmap.inference import WeightsCard, import_weights, load_weights
 from graspmap.networks import NETWORKS, GraspNetwork, parameter_count
 
-_SUFFIXES = (".safetensors", ".pt", ".pth")
+WEIGHTS_SUFFIXES = (".safetensors", ".pt", ".pth")
 
 
 def examine_weights(root: Path, *, progress: Update = nothing, **_: Any) -> Report:
@@ -24,10 +24,10 @@ def examine_weights(root: Path, *, progress: Update = nothing, **_: Any) -> Repo
         DatasetNotFoundError: There is no weights file.
     """
     paths = [root] if root.is_file() else sorted(root.rglob("*"))
-    paths = [path for path in paths if path.suffix.lower() in _SUFFIXES]
+    paths = [path for path in paths if path.suffix.lower() in WEIGHTS_SUFFIXES]
     if not paths:
         raise DatasetNotFoundError(
-            root, f"holds no {', '.join(_SUFFIXES)} file", "name the folder of the weights"
+            root, f"holds no {', '.join(WEIGHTS_SUFFIXES)} file", "name the folder of the weights"
         )
     report = Report("weights", root)
     items: dict[str, dict[str, Any]] = {}

@@ -1,28 +1,26 @@
 """Doctor: looks through a folder and says what is there, what is broken, what it is good for.
 
 `examine` takes ``kind:directory`` for the kinds in `EXAMINERS`, or a directory alone, whose kind
-it finds out from the files. A new kind is one entry there; the command line adds one for weights,
-which need the networks.
+it finds out from the files. A new kind is one entry there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from graspmap.data.doctor_meshes import MESH_SUFFIXES, examine_meshes
-from graspmap.data.doctor_report import Problem, Report, Update, nothing
-from graspmap.data.doctor_scenes import examine_scenes
+from graspmap.doctor.meshes import MESH_SUFFIXES, examine_meshes
+from graspmap.doctor.report import Report, Update, nothing
+from graspmap.doctor.scenes import examine_scenes
+from graspmap.doctor.weights import WEIGHTS_SUFFIXES, examine_weights
 from graspmap.errors import (
     DatasetNotFoundError,
     InvalidInputError,
     MissingFileError,
     UnknownNameError,
 )
-
-__all__ = ["EXAMINERS", "Examiner", "Problem", "Report", "examine"]
 
 
 @dataclass(frozen=True)
@@ -42,6 +40,7 @@ EXAMINERS: dict[str, Examiner] = {
     "cornell": Examiner(partial(examine_scenes, kind="cornell"), ("r.png", "cpos.txt")),
     "jacquard": Examiner(partial(examine_scenes, kind="jacquard"), ("_RGB.png", "_grasps.txt")),
     "meshes": Examiner(examine_meshes, MESH_SUFFIXES),
+    "weights": Examiner(examine_weights, WEIGHTS_SUFFIXES),
 }
 """The known kinds by name."""
 
@@ -51,7 +50,6 @@ def examine(
     *,
     progress: Update = nothing,
     everything: bool = False,
-    examiners: Mapping[str, Examiner] = EXAMINERS,
 ) -> Report:
     """Look through a folder.
 
@@ -59,7 +57,6 @@ def examine(
         spec: ``"kind:directory"``, or a directory whose kind is found out.
         progress: Called with (done, total).
         everything: Open all pictures, also of a large data set.
-        examiners: The kinds that are known.
 
     Raises:
         UnknownNameError: There is no such kind.
@@ -67,45 +64,44 @@ def examine(
         DatasetNotFoundError: The folder holds nothing of its kind, or of any kind.
         InvalidInputError: No kind is given and the folder holds several.
     """
-    kind, root = _split(spec, examiners)
+    kind, root = _split(spec)
     if not root.exists():
         raise MissingFileError(root, "there is no such folder", "check its name")
     if kind is None:
-        kind = _find_kind(root, examiners)
-    return examiners[kind].run(root, progress=progress, everything=everything)
+        kind = _find_kind(root)
+    return EXAMINERS[kind].run(root, progress=progress, everything=everything)
 
 
-def _split(spec: str | Path, examiners: Mapping[str, Examiner]) -> tuple[str | None, Path]:
+def _split(spec: str | Path) -> tuple[str | None, Path]:
     text = str(spec)
     kind, colon, folder = text.partition(":")
     if isinstance(spec, Path) or not colon:
         return None, Path(text)
-    if kind in examiners:
+    if kind in EXAMINERS:
         if not folder:
             raise InvalidInputError("data", repr(text), f"{kind}:FOLDER")
         return kind, Path(folder)
     if Path(text).exists():  # a folder with a colon in its name
         return None, Path(text)
-    raise UnknownNameError("kind of data", kind, examiners)
+    raise UnknownNameError("kind of data", kind, EXAMINERS)
 
 
-def _find_kind(root: Path, examiners: Mapping[str, Examiner]) -> str:
+def _find_kind(root: Path) -> str:
     """The kind whose signs the files carry."""
     names = [root.name] if root.is_file() else [p.name for p in root.rglob("*") if p.is_file()]
     counts = {
         kind: sum(name.lower().endswith(tuple(s.lower() for s in examiner.signs)) for name in names)
-        for kind, examiner in examiners.items()
+        for kind, examiner in EXAMINERS.items()
     }
     # Cornell's "r.png" is a short sign: its files begin with "pcd", those of others do not.
-    if "cornell" in counts:
-        counts["cornell"] = sum(
-            name.startswith("pcd") and name.endswith(examiners["cornell"].signs) for name in names
-        )
+    counts["cornell"] = sum(
+        name.startswith("pcd") and name.endswith(EXAMINERS["cornell"].signs) for name in names
+    )
     found = {kind: count for kind, count in counts.items() if count}
     if not found:
         raise DatasetNotFoundError(
             root,
-            f"holds nothing of a known kind ({', '.join(examiners)})",
+            f"holds nothing of a known kind ({', '.join(EXAMINERS)})",
             "name the folder that holds the files",
         )
     if len(found) > 1:
