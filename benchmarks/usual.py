@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import torch
+from PIL import Image
 from skimage import draw, feature, filters, io, transform
 from torch import nn
 
@@ -73,7 +74,7 @@ def sample(stem: str, side: int, angle: float, zoom: float) -> tuple[np.ndarray,
         zoom: Part of the picture that fills the frame.
     """
     rgb = io.imread(stem + "_RGB.png")[..., :3]
-    depth = io.imread(stem + "_perfect_depth.tiff").astype(np.float32)
+    depth = np.asarray(Image.open(stem + "_perfect_depth.tiff"), dtype=np.float32)
     full = rgb.shape[0]
     holes = (~np.isfinite(depth) | (depth <= 0)).astype(np.uint8)
     scale = np.abs(depth).max()
