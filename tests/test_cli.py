@@ -9,6 +9,7 @@ import sys
 import cv2
 import numpy as np
 import pytest
+import torch
 
 from graspmap import cli
 from graspmap.cli.frame import plain
@@ -215,6 +216,40 @@ def test_evaluate_predictions_that_are_the_labels(capsys, scenes, tmp_path):
     code, out, _ = run(capsys, *words)
     assert code == 0
     assert json.loads(out)["success"]["0.75"] == 1.0
+
+
+def test_evaluate_takes_the_depth_of_the_training(capsys, tmp_path):
+    from graspmap.inference import DataCard, WeightsCard, save_weights
+    from graspmap.networks import make_network
+
+    # The stereo depth alone shows the object; in the perfect one there is nothing to see.
+    rgb, stereo = np.zeros((64, 64, 3), np.uint8), np.full((64, 64), 0.5, np.float32)
+    stereo[20:40, 28:36] = 0.4
+    scene = Scene(
+        "0_thing", rgb, np.full_like(stereo, 0.5), grasps=Grasps([[32, 30]], [0], [9], [9])
+    )
+    write_jacquard(scene, tmp_path / "data", stereo_depth=stereo)
+    network = make_network("ggcnn2", 1, generator=torch.Generator().manual_seed(1))
+    card = WeightsCard(
+        network="ggcnn2",
+        channels="depth",
+        size=64,
+        width_scale_px=30.0,
+        data=DataCard(source="jacquard:elsewhere", depth="stereo"),
+    )
+    save_weights(tmp_path / "w.safetensors", network, card)
+
+    def rows(*extra):
+        words = ("evaluate", "--data", f"jacquard:{tmp_path / 'data'}")
+        weights = ("--weights", tmp_path / "w.safetensors", "--out", tmp_path / "out")
+        code, _, err = run(capsys, *words, *weights, *extra)
+        assert code == 0
+        return (tmp_path / "out" / "per_scene.csv").read_text(), err
+
+    default, said = rows()
+    assert "stereo depth, as in the training" in said
+    assert default == rows("--depth", "stereo")[0]
+    assert default != rows("--depth", "perfect")[0]
 
 
 def test_a_split_that_is_not_there(capsys, weights, scenes):

@@ -19,7 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import graspmap
-from graspmap.data import Scene, make_split, open_store, read_scenes, write_jacquard
+from graspmap.data import Scene, make_split, open_store, read_scenes, read_split, write_jacquard
 from graspmap.errors import (
     ConfigError,
     FileError,
@@ -28,9 +28,10 @@ from graspmap.errors import (
     StorageFullError,
     UnknownNameError,
 )
+from graspmap.evaluation import evaluate_detector
 from graspmap.geometry import Grasps
 from graspmap.geometry.affine import rotation
-from graspmap.inference import load_weights
+from graspmap.inference import Detector, load_weights
 from graspmap.training import Experiment, callbacks, read_experiment, run, train
 from graspmap.training.data import Draw, DrawSampler, Samples, greatest_opening, make_sample
 from graspmap.training.state import RunState
@@ -159,6 +160,45 @@ def test_a_run_leaves_weights_card_metrics_and_split(experiment, whole_run):
     assert [r["step"] for r in rows(out)] == [0, 3, 6, 9]
     assert list((out / "tensorboard").glob("events*"))
     assert not list(out.rglob("*.part-*"))
+
+
+def wide_scene(object_id: int) -> Scene:
+    """A picture twice as wide as high, with labels of every angle all over it."""
+    rng = np.random.default_rng((8, object_id))
+    count = 40
+    grasps = Grasps(
+        rng.uniform((0, 0), (63, 31), (count, 2)),
+        rng.uniform(-np.pi / 2, np.pi / 2, count),
+        np.full(count, 12.0),
+        np.full(count, 6.0),
+    )
+    rgb = rng.integers(0, 256, (32, 64, 3)).astype(np.uint8)
+    name = f"{object_id:04d}"
+    return Scene(f"0_{name}", rgb, grasps=grasps, object_id=name)
+
+
+def test_the_test_of_a_run_is_that_of_the_detector(tmp_path):
+    for object_id in range(24):
+        write_jacquard(wide_scene(object_id), tmp_path / "wide")
+    experiment = Experiment.model_validate(
+        {
+            "network": {"name": "ggcnn", "channels": "rgb"},
+            "data": {
+                "source": f"jacquard:{tmp_path / 'wide'}",
+                "size": 48,  # half of it is repeated border, where no grasp may be found
+                "split": {"train": 0.2, "validation": 0.1, "test": 0.7},
+                "cache_dir": str(tmp_path / "cache"),
+            },
+            "optimiser": {"learning_rate": 1e-2},
+            "training": {"epochs": 1, "batches_per_epoch": 10, "device": "cpu"},
+        }
+    )
+    found = train(experiment, tmp_path / "run").metrics["test"]
+    scenes = read_scenes(experiment.data.source)
+    test = read_split(tmp_path / "run" / "split.json").subset(scenes, "test")
+    result = evaluate_detector(Detector.load(tmp_path / "run" / "weights.safetensors"), test)
+    assert result.score.miou > 0
+    assert found["miou"] == pytest.approx(result.score.miou, abs=1e-6)
 
 
 def test_the_network_learns(whole_run):

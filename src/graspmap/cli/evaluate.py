@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from graspmap.data import Scenes
     from graspmap.data.split import Split
     from graspmap.evaluation import Evaluation
+    from graspmap.inference import Detector
 
 _LOG = logging.getLogger(__name__)
 
@@ -45,7 +46,9 @@ class Evaluate:
         "strict"
     )
     """How grasps are read and counted: strict, or as others do: ggcnn, orange."""
-    depth: Annotated[str | None, option("NAME", "default: the data set's own")] = None
+    depth: Annotated[
+        str | None, option("NAME", "default: that of the training, else perfect or z")
+    ] = None
     """Which depth: perfect or stereo (jacquard), z or range (cornell)."""
     cluster: Annotated[Literal["scene", "object"], option("scene|object", "default: scene")] = (
         "scene"
@@ -71,12 +74,18 @@ def run(argv: Sequence[str]) -> int:
     if flags.out is not None:
         output_folder(flags.out, "--out")
     output_file(flags.json, "--json")
-    from graspmap.data import read_scenes
+    from graspmap.data import KINDS, read_scenes
 
+    detector = _detector(flags)
     everything = read_scenes(flags.data, depth=flags.depth)
+    if flags.depth is None and detector is not None and detector.card.data is not None:
+        trained = detector.card.data.depth
+        if trained in KINDS[everything.kind].depths:
+            _LOG.info("%s depth, as in the training; --depth takes another", trained)
+            everything = read_scenes(flags.data, depth=trained)
     split, part = _split(flags, everything)
     scenes = everything if split is None else split.subset(everything, part)
-    result = _measure(flags, scenes, everything)
+    result = _measure(flags, detector, scenes, everything)
     summary = result.to_dict() if flags.out is None else result.write(flags.out)
     _tell(flags, result)
     if flags.baseline:
@@ -88,12 +97,24 @@ def run(argv: Sequence[str]) -> int:
     return 0
 
 
-def _measure(flags: Evaluate, scenes: Scenes, everything: Scenes) -> Evaluation:
+def _detector(flags: Evaluate) -> Detector | None:
+    """The detector to measure; None where predictions are."""
+    if flags.weights is None:
+        return None
+    from graspmap.inference import Detector
+
+    return Detector.load(flags.weights, device=flags.device)
+
+
+def _measure(
+    flags: Evaluate, detector: Detector | None, scenes: Scenes, everything: Scenes
+) -> Evaluation:
     from graspmap.evaluation import evaluate_detector, evaluate_predictions
 
-    if flags.predictions is not None:
+    if detector is None:
         from graspmap.data import read_predictions
 
+        assert flags.predictions is not None  # run() saw to it
         with progress("evaluating") as update:
             return evaluate_predictions(
                 read_predictions(flags.predictions),
@@ -104,10 +125,6 @@ def _measure(flags: Evaluate, scenes: Scenes, everything: Scenes) -> Evaluation:
                 seed=flags.seed,
                 progress=update,
             )
-    from graspmap.inference import Detector
-
-    assert flags.weights is not None  # run() saw to it
-    detector = Detector.load(flags.weights, device=flags.device)
     with progress("evaluating") as update:
         return evaluate_detector(
             detector,

@@ -10,8 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
+from graspmap.data import cornell, jacquard
 from graspmap.data.cornell import CornellScenes
 from graspmap.data.jacquard import JacquardScenes
 from graspmap.data.scene import Scenes
@@ -25,11 +26,13 @@ class Kind:
     Attributes:
         open: Gives its scenes; called with the folder and the kind's own options as keywords.
         recognises: Whether a folder looks like one of this kind.
+        depths: The depths that its scenes offer, the default first.
         files: The files that make a scene, in words, for messages.
     """
 
     open: Callable[..., Scenes]
     recognises: Callable[[Path], bool]
+    depths: tuple[str, ...]
     files: str
 
     @property
@@ -43,8 +46,15 @@ class Kind:
 
 
 KINDS: dict[str, Kind] = {
-    "cornell": Kind(CornellScenes, CornellScenes.recognises, "pcdNNNNr.png"),
-    "jacquard": Kind(JacquardScenes, JacquardScenes.recognises, "<i>_<object>_RGB.png"),
+    "cornell": Kind(
+        CornellScenes, CornellScenes.recognises, get_args(cornell.DepthKind), "pcdNNNNr.png"
+    ),
+    "jacquard": Kind(
+        JacquardScenes,
+        JacquardScenes.recognises,
+        get_args(jacquard.DepthKind),
+        "<i>_<object>_RGB.png",
+    ),
 }
 """The known kinds by name."""
 

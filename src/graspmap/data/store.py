@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from graspmap.data import images
 from graspmap.data.fingerprint import FileHashes, scenes_key
-from graspmap.data.scene import Scene, Scenes
+from graspmap.data.scene import Mask, Scene, Scenes
 from graspmap.errors import FileError, GraspmapError, InvalidInputError, storage_errors
 from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps
@@ -37,7 +37,7 @@ from graspmap.geometry.grasps import Grasps
 fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 
 _LOG = logging.getLogger(__name__)
-_VERSION = 1  # counts up whenever the same sources would give other bytes
+_VERSION = 2  # counts up whenever the same sources would give other bytes
 _META = "store.json"
 _PICTURES: dict[str, tuple[Any, tuple[int, ...]]] = {
     "rgb": (np.uint8, (3,)),
@@ -82,14 +82,14 @@ class Store(Scenes):
         """Hash of everything that the content follows from."""
         return self.root.name
 
-    @property
-    def nbytes(self) -> int:
-        """Size on disk, bytes."""
-        return sum(self._meta["files"].values())
-
     def matrix(self, index: int) -> Floats:
         """(3, 3) map from the picture of scene ``index`` to its input frame."""
         return np.array(self._arrays["matrix"][index])
+
+    def inside(self, index: int) -> Mask:
+        """(S, S) where the input of scene ``index`` shows its picture, not the repeated border."""
+        shape = self._meta["scenes"][index]["shape"]
+        return images.warp(np.ones(shape, np.bool_), self.matrix(index), self.size, fill=False)
 
     def read(self, index: int) -> Scene:
         """Scene number ``index``, without copying its pictures."""
@@ -161,7 +161,7 @@ def open_store(
     Raises:
         InvalidInputError: There are no scenes, size or view is wrong, or the depth of a scene is
             nothing but holes; the error names the scene.
-        FileError: A source file is missing or damaged.
+        FileError: A source file is missing or damaged, or was changed meanwhile.
         StorageFullError: The disk has no room for the store; nothing of it is left behind.
     """
     if not len(scenes):
@@ -176,7 +176,8 @@ def open_store(
                 folder, "is no folder", "choose another folder for the store"
             ) from error
         hashes = FileHashes(folder / "files.json")
-        key = scenes_key(scenes, hashes, {"version": _VERSION, "size": int(size), "view": view})
+        settings = {"version": _VERSION, "size": int(size), "view": view}
+        key = scenes_key(scenes, hashes, settings)
         hashes.save()
     place = folder / key
     if not _is_whole(place):
@@ -185,7 +186,11 @@ def open_store(
             if not _is_whole(place):  # the one we waited for may have built it
                 shutil.rmtree(place, ignore_errors=True)
                 builder = _Builder(scenes, place, int(size), view)
-                builder.run(progress, workers or min(8, os.cpu_count() or 1))
+
+                def unchanged() -> bool:
+                    return scenes_key(scenes, hashes, settings) == key
+
+                builder.run(progress, workers or min(8, os.cpu_count() or 1), unchanged)
     return Store(place)
 
 
@@ -207,10 +212,21 @@ class _Builder:
         self._part = place.with_name(f"{place.name}.part-{os.getpid()}")
         self._arrays: dict[str, NDArray[Any]] = {}
 
-    def run(self, progress: Progress | None, workers: int) -> None:
+    def run(self, progress: Progress | None, workers: int, unchanged: Callable[[], bool]) -> None:
+        """Build; ``unchanged`` is asked at the end whether the sources are still those of the key.
+
+        Raises:
+            FileError: They are not.
+        """
         self._part.mkdir()
         try:
             self._write(progress, workers)
+            if not unchanged():
+                raise FileError(
+                    self._scenes.root,
+                    "was changed while its scenes were packed",
+                    "run again when nothing writes to it",
+                )
             self._arrays.clear()
             self._part.rename(self._place)
         except BaseException:  # Ctrl-C too: nothing half-written stays
@@ -290,6 +306,7 @@ class _Builder:
         facts: dict[str, Any] = {name: name in pictures for name in _PICTURES}
         facts |= {name: value is not None for name, value in grasps.items()}
         facts |= {"object_id": scene.object_id, "labels": scene.labels, "camera": camera}
+        facts["shape"] = scene.shape
         labels = {name: _rows(value, matrix) for name, value in grasps.items()}
         return _Packed(pictures, labels, matrix, facts)
 

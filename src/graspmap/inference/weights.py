@@ -44,6 +44,7 @@ class DataCard(BaseModel):
 
     Attributes:
         source: Data set as ``kind:directory``.
+        depth: Which of its depths, for example ``stereo``; None for its kind's default.
         split: Name or file of the split.
         split_hash: Hash of the split's content.
         store_key: Key of the packed cache, which is a hash over all source files.
@@ -53,6 +54,7 @@ class DataCard(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     source: str
+    depth: str | None = None
     split: str | None = None
     split_hash: str | None = None
     store_key: str | None = None

@@ -51,12 +51,12 @@ def local_values(
     scale_w = 0.5 / max(sigmas[1], 1e-3) ** 2
     for row in range(max(y - reach, 0), min(y + reach + 1, rows)):
         for column in range(max(x - reach, 0), min(x + reach + 1, columns)):
-            q = float(quality[row, column])
+            q = np.float64(quality[row, column])
             if q <= 0.0:
                 continue
             d = (row - y) ** 2 + (column - x) ** 2
             weight = q * math.exp(-d * scale_a)
-            c, s = float(cos[row, column]), float(sin[row, column])
+            c, s = np.float64(cos[row, column]), np.float64(sin[row, column])
             total_a += weight
             sum_c += weight * c
             sum_s += weight * s
@@ -92,11 +92,11 @@ def belongs(
     level, c, s, w, slack, same_angle = seed
     if not quality[row, column] >= level:
         return False
-    cos, sin = float(others[0][row, column]), float(others[1][row, column])
+    cos, sin = np.float64(others[0][row, column]), np.float64(others[1][row, column])
     dot = cos * c + sin * s
     if dot < 0.0 or dot * dot < same_angle * (cos * cos + sin * sin) * (c * c + s * s):
         return False
-    return bool(abs(float(others[2][row, column]) - w) <= slack)
+    return bool(abs(np.float64(others[2][row, column]) - w) <= slack)
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
@@ -224,7 +224,7 @@ def gaussian_sums(quality: Singles, pixels: NDArray[np.int32], frame: Any) -> An
         dx, dy = (pixels[i, 0] - x) / unit, (pixels[i, 1] - y) / unit
         u, v = c * dx - s * dy, s * dx + c * dy
         row[0], row[1], row[2], row[3], row[4] = 1.0, u, u * u, v, v * v
-        row[5] = math.log(quality[pixels[i, 1], pixels[i, 0]])
+        row[5] = math.log(np.float64(quality[pixels[i, 1], pixels[i, 0]]))
         for j in range(6):
             for k in range(j, 6):
                 sums[j, k] += row[j] * row[k]

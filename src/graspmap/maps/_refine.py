@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspmap.maps import _find_kernel as kernel
-from graspmap.maps._peaks import Row, near, seeds, smoothed
+from graspmap.maps._peaks import Row, check_finite, near, seeds, smoothed
 
 Singles = NDArray[np.float32]
 Bools = NDArray[np.bool_]
@@ -23,8 +23,10 @@ Values = tuple[float, float, float]
 
 PLATEAU_LEVEL = 0.89
 """Part of the smoothed peak that a plateau's pixels reach; just under the 0.9 of soft maps."""
-CLEAN_FIT = 0.9999
-"""Explained part of the variance from which on a peak counts as a drawn Gaussian."""
+UNEXPLAINED = 1e-4
+"""Part of the variance that a Gaussian may leave unexplained to give a plateau's centre."""
+UNEXPLAINED_DRAWN = 1e-9
+"""The same for a drawn region, where only the rounding of single precision is left."""
 FILLED = 0.9
 """Part of the box around a plateau that its pixels fill if it is a drawn region."""
 AGREEMENT = 0.7
@@ -102,6 +104,7 @@ def _grasp_at(
 ) -> tuple[Point, Values]:
     """Centre (x, y) and (cos, sin, width) of the grasp that the peak at (y, x) shows."""
     values = _values_at(maps, y, x, sigmas) or _strongest_values(maps, y, x)
+    check_finite(values)
     slack = max(kernel.SAME_WIDTH * abs(values[2]), one_pixel)
     like = (PLATEAU_LEVEL * peak, *values, slack, kernel.SAME_ANGLE)
     row, column = y, x
@@ -153,7 +156,7 @@ def _drawn_center(maps: _Bin, y: int, x: int, values: Values, angle: float) -> P
     cx, cy, filled = kernel.box_middle(pixels, maps.allowed.shape, np.cos(angle), np.sin(angle))
     if filled < FILLED:
         return None
-    fitted = _gaussian_vertex(maps.quality, pixels, (cx, cy), angle)
+    fitted = _gaussian_vertex(maps.quality, pixels, (cx, cy), angle, UNEXPLAINED_DRAWN)
     if fitted is not None and max(abs(fitted[0] - cx), abs(fitted[1] - cy)) <= 0.5:
         return fitted
     return cx, cy
@@ -164,14 +167,14 @@ def _plateau_center(maps: _Bin, pixels: Integers, angle: float) -> Point:
     x, y, filled = kernel.box_middle(pixels, maps.allowed.shape, np.cos(angle), np.sin(angle))
     if filled < FILLED:
         x, y = kernel.mean_pixel(pixels, maps.allowed)
-    fitted = _gaussian_vertex(maps.quality, pixels, (x, y), angle)
+    fitted = _gaussian_vertex(maps.quality, pixels, (x, y), angle, UNEXPLAINED)
     if fitted is not None and maps.allowed[round(fitted[1]), round(fitted[0])]:
         return fitted
     return x, y
 
 
 def _gaussian_vertex(
-    quality: Singles, pixels: Integers, origin: Point, angle: float
+    quality: Singles, pixels: Integers, origin: Point, angle: float, tolerated: float
 ) -> Point | None:
     """Vertex (x, y) of the Gaussian along the grasp's axes, or None if that is not what it is.
 
@@ -190,7 +193,7 @@ def _gaussian_vertex(
         return None
     p = np.linalg.solve(normal, right)
     unexplained = sums[5, 5] - 2 * p @ right + p @ normal @ p
-    if unexplained > (1 - CLEAN_FIT) * variance or p[2] >= 0 or p[4] >= 0:
+    if unexplained > tolerated * variance or p[2] >= 0 or p[4] >= 0:
         return None
     u, v = -p[1] / (2 * p[2]) * unit, -p[3] / (2 * p[4]) * unit
     x, y = origin[0] + c * u + s * v, origin[1] - s * u + c * v

@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from graspmap.data import Store
 from graspmap.errors import GraspmapError
 from graspmap.geometry import Grasps
 from graspmap.losses import GraspLoss
@@ -45,7 +46,7 @@ class GraspModule(lightning.LightningModule):
         network: The network.
         experiment: Loss, optimiser, schedule.
         state: Where the run stands; the module moves it on and keeps it in checkpoints.
-        labels: Labelled grasps of a scene in input pixels, by its index in the store.
+        store: The scenes; their labels say which grasps are right.
         width_scale_px: Opening in input pixels that the width map shows as 1.
 
     Attributes:
@@ -61,12 +62,12 @@ class GraspModule(lightning.LightningModule):
         experiment: Experiment,
         state: RunState,
         *,
-        labels: Callable[[int], Grasps | None],
+        store: Store,
         width_scale_px: float,
     ) -> None:
         super().__init__()
         self.network, self.state = network, state
-        self._experiment, self._labels, self._width_scale_px = experiment, labels, width_scale_px
+        self._experiment, self._store, self._width_scale_px = experiment, store, width_scale_px
         self._loss = GraspLoss(experiment.loss.base, experiment.loss.positional)
         self.row: dict[str, float] = {}
         self.verdict: Verdict | None = None
@@ -121,8 +122,10 @@ class GraspModule(lightning.LightningModule):
             if not all(np.isfinite(m).all() for m in one):
                 self.overlaps[index] = 0.0  # the loss is no number either: the epoch reports it
                 continue
-            best = find_grasps(one, 1, width_scale=self._width_scale_px)
-            overlap = best_overlap(best, self._labels(index) or Grasps.empty())
+            # As `Detector` does: no grasp is centred beside the picture.
+            inside = self._store.inside(index)
+            best = find_grasps(one, 1, width_scale=self._width_scale_px, mask=inside)
+            overlap = best_overlap(best, self._store.read_grasps(index) or Grasps.empty())
             self.overlaps[index] = float(overlap[0]) if len(overlap) else 0.0
 
     def on_validation_epoch_end(self) -> None:

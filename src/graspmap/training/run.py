@@ -117,7 +117,7 @@ def _module(experiment: Experiment, setup: Setup, state: RunState) -> GraspModul
         network,
         experiment,
         state,
-        labels=setup.store.read_grasps,
+        store=setup.store,
         width_scale_px=setup.width_scale_px,
     )
 
@@ -194,6 +194,7 @@ def _finish(
         width_scale_px=setup.width_scale_px,
         data=DataCard(
             source=values.source,
+            depth=values.depth,
             split=folder.split.name,
             split_hash=setup.split_hash,
             store_key=setup.store.key,
