@@ -23,26 +23,30 @@ import torch
 from benchmarks import usual
 from benchmarks.timing import Comparison, compare
 from graspmap import Grasps, Scenes, draw_maps, find_grasps, read_scenes
-from graspmap.data import Augmentation, open_store, smallest_jaws, to_input
+from graspmap.data import open_store
 from graspmap.data.images import input_window
 from graspmap.geometry import affine
 from graspmap.losses import GraspLoss
 from graspmap.maps import GraspMaps
 from graspmap.metrics import best_overlap
 from graspmap.networks import make_network
+from graspmap.training import Experiment
+from graspmap.training.data import Draw, Samples, augmentation, collate, make_sample
 
 SIDE = 300
+WIDTH_SCALE = 150.0
+Sample = dict[str, np.ndarray]
 
 
-def scenes_of(work: Path) -> tuple[Scenes, str]:
+def scenes_of(folder: Path) -> tuple[Scenes, str]:
     """Jacquard scenes of 1024 px and what they are."""
     real = Path(os.environ.get("GRASPMAP_TEST_DATA", "../shared/data")) / "jacquard"
     if real.is_dir():
         return read_scenes(f"jacquard:{real}"), "real Jacquard scenes"
     from graspmap.generation import write_drawn
 
-    write_drawn(work / "drawn", scenes=8, seed=0, size=1024)
-    return read_scenes(f"jacquard:{work / 'drawn'}"), "drawn scenes in Jacquard's format"
+    write_drawn(folder / "drawn", scenes=8, seed=0, size=1024)
+    return read_scenes(f"jacquard:{folder / 'drawn'}"), "drawn scenes in Jacquard's format"
 
 
 def many_grasps(rng: np.random.Generator, count: int, side: int) -> Grasps:
@@ -55,37 +59,42 @@ def many_grasps(rng: np.random.Generator, count: int, side: int) -> Grasps:
     )
 
 
-class Samples:
-    """Training samples of graspmap, from the files and from the packed store."""
+class Work:
+    """Training samples as `graspmap train` makes them, and the usual way."""
 
     def __init__(self, scenes: Scenes, folder: Path) -> None:
         self.scenes = scenes
-        self.store = open_store(scenes, folder, size=SIDE, view="contain")
-        self.augmentation = Augmentation(rotation="any", zoom=(0.5, 1.0))
+        self.experiment = Experiment.model_validate(
+            {
+                "name": "bench",
+                "network": {"name": "ggcnn2", "channels": "rgbd"},
+                "data": {
+                    "source": f"{scenes.kind}:{scenes.root}",
+                    "size": SIDE,
+                    "augment": {"rotation": "any", "zoom": (0.5, 1.0)},
+                },
+            }
+        )
+        store = open_store(scenes, folder, size=SIDE, view="contain")
+        self.samples = Samples(store, self.experiment, WIDTH_SCALE)
         self.rng = np.random.default_rng(0)
         self.turn = 0
 
     def next(self) -> int:
         """Number of the next scene, round and round."""
-        self.turn = (self.turn + 1) % len(self.scenes)
-        return self.turn
+        self.turn += 1
+        return self.turn % len(self.scenes)
 
-    def from_files(self) -> tuple[np.ndarray, GraspMaps]:
+    def from_files(self) -> Sample:
         """Read, warp and draw one scene from its original files."""
         scene = self.scenes[self.next()]
-        view = input_window(scene.shape, SIDE, view="contain")
-        return self._sample(scene.rgb, scene.depth, scene.grasps, view)
+        moved = augmentation(self.experiment).draw(self.rng, SIDE)
+        matrix = moved @ input_window(scene.shape, SIDE, view="contain")
+        return make_sample(scene, matrix, self.experiment, WIDTH_SCALE)
 
-    def from_store(self) -> tuple[np.ndarray, GraspMaps]:
+    def from_store(self) -> Sample:
         """Warp and draw one scene from the packed store."""
-        scene = self.store[self.next()]
-        return self._sample(scene.rgb, scene.depth, scene.grasps, np.eye(3))
-
-    def _sample(self, rgb, depth, grasps, view) -> tuple[np.ndarray, GraspMaps]:  # noqa: ANN001
-        matrix = self.augmentation.draw(self.rng, SIDE) @ view
-        x = to_input(rgb, depth, "rgbd", matrix, SIDE)
-        labels = smallest_jaws(grasps).transformed(matrix)
-        return x, draw_maps(labels, (SIDE, SIDE), width_scale=150.0)
+        return self.samples[Draw(self.next(), epoch=0, position=self.turn)]
 
     def usual(self) -> tuple[np.ndarray, np.ndarray]:
         """The same sample the usual way."""
@@ -94,15 +103,15 @@ class Samples:
         return usual.sample(str(rgb).removesuffix("_RGB.png"), SIDE, angle, zoom)
 
 
-def sample_rows(samples: Samples) -> Iterator[Comparison]:
+def sample_rows(work: Work) -> Iterator[Comparison]:
     """One training sample."""
     yield compare(
         "sample: RGB-D 300 px from the original files, augmented, maps drawn",
-        samples.from_files, samples.usual, seconds=6, budget_ms=30, budget_ratio=14,
+        work.from_files, work.usual, seconds=6, budget_ms=30, budget_ratio=14,
     )  # fmt: skip
     yield compare(
         "sample: the same from the packed store",
-        samples.from_store, samples.usual, seconds=6, budget_ms=2,
+        work.from_store, work.usual, seconds=6, budget_ms=2,
     )  # fmt: skip
 
 
@@ -146,7 +155,7 @@ def metric_row(scenes: Scenes) -> Iterator[Comparison]:
     )  # fmt: skip
 
 
-def network_rows(samples: Samples) -> Iterator[Comparison]:
+def network_rows(work: Work) -> Iterator[Comparison]:
     """Forward pass and training step of GG-CNN2."""
     plain = usual.PlainGGCNN2(4)
     ours = make_network("ggcnn2", 4, 1)
@@ -170,15 +179,14 @@ def network_rows(samples: Samples) -> Iterator[Comparison]:
     loss = GraspLoss()
 
     def our_step() -> None:
-        drawn = [samples.from_store() for _ in range(batch)]
-        inputs = torch.from_numpy(np.stack([d[0] for d in drawn]))
-        target = GraspMaps(*(torch.from_numpy(np.stack(m)) for m in zip(*(d[1] for d in drawn))))  # noqa: B905
+        drawn = collate([work.from_store() for _ in range(batch)])
+        inputs, target = drawn["input"], GraspMaps(*drawn["target"].unbind(1))
         optimisers[0].zero_grad()
         loss(ours(inputs), target).total.backward()
         optimisers[0].step()
 
     def usual_step() -> None:
-        drawn = [samples.usual() for _ in range(batch)]
+        drawn = [work.usual() for _ in range(batch)]
         inputs = torch.from_numpy(np.stack([d[0] for d in drawn]))
         target = torch.from_numpy(np.stack([d[1][:, 0] for d in drawn]))
         optimisers[1].zero_grad()
@@ -213,17 +221,17 @@ def main() -> None:
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     rows: list[Comparison] = []
-    with tempfile.TemporaryDirectory() as work:
-        scenes, what = scenes_of(Path(work))
-        samples = Samples(scenes, Path(work) / "store")
+    with tempfile.TemporaryDirectory() as folder:
+        scenes, what = scenes_of(Path(folder))
+        work = Work(scenes, Path(folder) / "store")
         print(f"{what}; {platform.machine()}, {os.cpu_count()} cores, torch {torch.__version__}\n")
         print("| work | graspmap | usual | gain | budget | budgeted gain |")
         print("|---|---|---|---|---|---|")
         groups = {
-            "sample": lambda: sample_rows(samples),
+            "sample": lambda: sample_rows(work),
             "maps": map_rows,
             "metric": lambda: metric_row(scenes),
-            "network": lambda: network_rows(samples),
+            "network": lambda: network_rows(work),
         }
         for name, group in groups.items():
             if arguments.only not in name:

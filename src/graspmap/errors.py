@@ -98,33 +98,22 @@ class StorageFullError(FileError, OSError):
     """The disk ran full while writing."""
 
 
-class MissingExtraError(GraspmapError, ImportError):
-    """An optional library is not installed.
-
-    Attributes:
-        package: The library.
-        extra: The extra of graspmap that brings it.
-    """
-
-    def __init__(self, package: str, extra: str) -> None:
-        self.package, self.extra = package, extra
-        super().__init__(f"{package} is not installed; run: pip install 'graspmap[{extra}]'")
-
-
 @contextmanager
 def storage_errors(path: Path | str) -> Iterator[None]:
-    """Turn a full disk, a quota or a read-only folder into a `FileError` that names ``path``.
+    """Turn the system's refusals to write (full disk, read-only) into errors that name ``path``.
 
     Raises:
         StorageFullError: The block ran out of space.
-        FileError: The block was refused the right to write.
+        FileError: The block could not write for another reason.
     """
     try:
         yield
     except OSError as error:
-        if isinstance(error, GraspmapError):
+        if isinstance(error, GraspmapError | BrokenPipeError):
             raise
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        # NumPy says of a full disk only how much of an array it could write.
+        short = error.errno is None and "requested and" in str(error)
+        if short or error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise StorageFullError(
                 path, "the disk is full", "free some space or choose another folder, then run again"
             ) from error
@@ -138,4 +127,8 @@ def storage_errors(path: Path | str) -> Iterator[None]:
                 "a file stands where a folder is needed, or the reverse",
                 "choose another name",
             ) from error
-        raise
+        raise FileError(
+            path,
+            f"cannot be written ({error.strerror or error})",
+            "choose another name or folder",
+        ) from error

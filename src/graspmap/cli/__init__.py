@@ -3,17 +3,23 @@
 Each command is a module of this package with ``ABOUT`` (one line for the overview) and
 ``run(argv)``; it is imported when it is asked for, so that ``graspmap --help`` needs no library.
 Exit codes: 0 done, 2 the user can mend it (one line on standard error says how), 130 stopped with
-Ctrl-C, 1 a defect of graspmap (with a traceback).
+Ctrl-C or SIGTERM, 1 a defect of graspmap (with a traceback).
 """
 
 from __future__ import annotations
 
+import errno
 import importlib
+import io
 import logging
 import os
+import re
+import signal
 import sys
+import threading
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from graspmap.errors import GraspmapError, UnknownNameError
@@ -41,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     words = list(sys.argv[1:] if argv is None else argv)
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), _stoppable():
             _listen()
             code = _dispatch(words)
             sys.stdout.flush()
@@ -53,16 +59,53 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _fail("stopped; finished work is kept", 130)
     except BrokenPipeError:
-        # The reader went away (`graspmap ... | head`): nobody is left to tell. Python flushes
-        # standard output once more at exit, which must not complain either.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()  # the reader went away (`graspmap ... | head`): nobody is left to tell
         return 141
-    except OSError as error:
-        if error.filename is None:
+    except (OSError, MemoryError, RuntimeError) as error:
+        text = _of_the_machine(error)
+        if text is None:
             raise
-        return _fail(f"{error.filename}: {error.strerror}; choose another file or folder")
-    except MemoryError:
-        return _fail("out of memory; use a smaller picture, a smaller batch or fewer workers")
+        return _fail(text)
+
+
+def _of_the_machine(error: Exception) -> str | None:
+    """What the machine lacks, and the remedy; None for an error that is a defect of graspmap."""
+    memory = "out of memory; use a smaller picture, a smaller batch or fewer workers"
+    if isinstance(error, MemoryError):
+        return memory
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}; choose another file or folder"
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+        _drop_output()
+        return "standard output: the disk is full; free some space, then run again"
+    # PyTorch has no type of its own for it on a CPU.
+    full = isinstance(error, RuntimeError) and re.search(
+        r"out of memory|can't allocate memory", str(error)
+    )
+    return memory if full else None
+
+
+def _drop_output() -> None:
+    """Let nothing more go to standard output: Python flushes it at exit, and would complain."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+@contextmanager
+def _stoppable() -> Iterator[None]:
+    """Let a SIGTERM end a command as Ctrl-C does: what it has half written is removed."""
+    main = threading.current_thread() is threading.main_thread()
+    if not main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, _stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _stop(*_: Any) -> None:
+    raise KeyboardInterrupt
 
 
 def _dispatch(words: list[str]) -> int:
@@ -95,6 +138,9 @@ def _overview() -> str:
 
 def _listen() -> None:
     """Send the package's log and its warnings to standard error as plain lines."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # An old terminal cannot show every name of a file; that is no reason to fail.
+        sys.stdout.reconfigure(errors="backslashreplace")
     logger = logging.getLogger("graspmap")
     logger.handlers = [_Stderr()]
     logger.setLevel(logging.INFO)

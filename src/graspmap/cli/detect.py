@@ -78,13 +78,25 @@ def run(argv: Sequence[str]) -> int:
         )  # fmt: skip
     if flags.rgb is None and flags.depth is None:
         raise InvalidInputError("--rgb and --depth", "both missing", "a picture, at least one")
-    output_file(flags.overlay, "--overlay", PICTURE_SUFFIXES)
-    output_file(flags.json, "--json")
+    read = (flags.weights, flags.rgb, flags.depth, flags.mask, flags.camera)
+    output_file(flags.overlay, "--overlay", PICTURE_SUFFIXES, keep=read)
+    output_file(flags.json, "--json", keep=read)
     from graspmap.geometry import Camera
     from graspmap.inference import Detector
 
     rgb, depth, mask = _pictures(flags)
     camera = None if flags.camera is None else Camera.read(flags.camera)
+    image = rgb if rgb is not None else depth
+    assert image is not None  # one of the two was given
+    if flags.camera is not None and camera is not None:
+        rows, columns = image.shape[:2]
+        if (camera.width, camera.height) != (columns, rows):
+            raise FileFormatError(
+                flags.camera,
+                f"describes {camera.width} x {camera.height} px, the picture has {columns} x "
+                f"{rows}",
+                "give the camera file of this picture, or the picture in its full size",
+            )
     detector = Detector.load(flags.weights, device=flags.device)
     found = detector.detect(
         rgb,
@@ -97,8 +109,6 @@ def run(argv: Sequence[str]) -> int:
         threshold=flags.threshold,
     )
     _report(flags, found)
-    image = rgb if rgb is not None else depth
-    assert image is not None  # one of the two was given
     if flags.overlay is not None:
         write_picture(flags.overlay, _overlay(flags, found, rgb, depth, detector))
     write_json(to_dict(found, (image.shape[1], image.shape[0])), flags.json)
@@ -134,8 +144,10 @@ def _pictures(
     """Colour, depth and mask, of one size.
 
     Raises:
-        FileError: A file is missing, damaged, or of another size than the first.
+        FileError: A file is missing, damaged, of another size than the first, or holds nothing.
     """
+    import numpy as np
+
     from graspmap.data.files import read_depth, read_mask, read_rgb
 
     rgb = None if flags.rgb is None else read_rgb(flags.rgb)
@@ -155,6 +167,14 @@ def _pictures(
                 f"{first.shape[1]} x {first.shape[0]} px",
                 "give pictures of one view and one size",
             )
+    if flags.depth is not None and depth is not None and np.isnan(depth).all():
+        raise FileFormatError(
+            flags.depth, "holds no depth, only holes", "take the picture again, or replace it"
+        )
+    if flags.mask is not None and mask is not None and not mask.any():
+        raise FileFormatError(
+            flags.mask, "is 0 everywhere", "mark the objects with 255, or leave --mask out"
+        )
     return rgb, depth, mask
 
 

@@ -73,11 +73,13 @@ def run(argv: Sequence[str]) -> int:
         raise InvalidInputError("--weights and --predictions", "not one of the two", "exactly one")
     if flags.out is not None:
         output_folder(flags.out, "--out")
-    output_file(flags.json, "--json")
+    output_file(flags.json, "--json", keep=[flags.weights, flags.predictions])
+    if flags.seed < 0:
+        raise InvalidInputError("--seed", flags.seed, "0 or more")
     from graspmap.data import KINDS, read_scenes
 
-    detector = _detector(flags)
     everything = read_scenes(flags.data, depth=flags.depth)
+    detector = _detector(flags)
     if flags.depth is None and detector is not None and detector.card.data is not None:
         trained = detector.card.data.depth
         if trained in KINDS[everything.kind].depths:
@@ -188,7 +190,8 @@ def _baseline(
 def _tell(flags: Evaluate, result: Evaluation, title: str = "") -> None:
     tell = teller(flags.json)
     score = result.score
-    tell(f"{title}{result.scenes} scenes of {flags.data}, protocol {result.protocol.name}")
+    protocol = f"{result.protocol.name} ({result.protocol.summary})"
+    tell(f"{title}{result.scenes} scenes of {flags.data}, protocol {protocol}")
     for threshold, success in score.success.items():
         low, high = score.interval[threshold]
         tell(

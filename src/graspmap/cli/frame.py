@@ -10,7 +10,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -137,11 +137,23 @@ def numbers(text: str, names: str, flag: str) -> tuple[float, ...]:
     return values
 
 
-def output_file(path: Path | None, flag: str, suffixes: Sequence[str] = ()) -> None:
+def output_file(
+    path: Path | None,
+    flag: str,
+    suffixes: Sequence[str] = (),
+    *,
+    keep: Iterable[Path | None] = (),
+) -> None:
     """Check before the work that a result can be written, and make its folder.
 
+    Args:
+        path: Where the result goes; None or ``-``: to no file.
+        flag: The flag, for the error.
+        suffixes: What the name may end in; anything when empty.
+        keep: Files that the command reads, which the result must not replace.
+
     Raises:
-        FileError: The path is a folder, or its folder cannot be made or written.
+        FileError: The path is a folder or a file to keep, or its folder cannot be made or written.
         InvalidInputError: The suffix is not one that the command can write.
     """
     if path is None or str(path) == "-":
@@ -150,7 +162,11 @@ def output_file(path: Path | None, flag: str, suffixes: Sequence[str] = ()) -> N
         raise InvalidInputError(flag, path, f"a file name that ends in {', '.join(suffixes)}")
     if path.is_dir():
         raise FileError(path, "is a folder", f"give {flag} the name of a file")
-    output_folder(path.parent, flag)
+    for other in keep:
+        if other is not None and path.exists() and other.exists() and path.samefile(other):
+            raise FileError(path, "is read by this very command", f"give {flag} another name")
+    if not path.exists() or path.is_file():  # else a device or a pipe
+        output_folder(path.parent, flag)
 
 
 def output_folder(path: Path, flag: str) -> None:
@@ -193,6 +209,10 @@ def write_json(value: Any, target: Path | None) -> None:
     if target is None:
         return
     text = json.dumps(plain(value), indent=2, ensure_ascii=False) + "\n"
+    try:
+        text.encode((sys.stdout.encoding or "utf-8") if str(target) == "-" else "utf-8")
+    except UnicodeEncodeError:  # an old terminal, or a file name that is no Unicode
+        text = json.dumps(plain(value), indent=2) + "\n"
     if str(target) == "-":
         sys.stdout.write(text)
     else:

@@ -52,7 +52,7 @@ def run(argv: Sequence[str]) -> int:
 
     experiment = read_experiment(flags.experiment, rest)
     output_folder(flags.out, "--out")
-    output_file(flags.json, "--json")
+    output_file(flags.json, "--json", keep=[flags.experiment])
     command = shlex.join(["graspmap", "train", *argv])
     card = train(experiment, flags.out, command=command, progress=progress)
     content = card.model_dump(mode="json")

@@ -63,8 +63,8 @@ def run(argv: Sequence[str]) -> int:
     if argv[0] != "import":
         raise UnknownNameError("weights command", argv[0], ["import"])
     flags = parse(Import, argv[1:], "graspmap weights import")
-    output_file(flags.out, "OUT", (".safetensors",))
-    output_file(flags.json, "--json")
+    output_file(flags.out, "OUT", (".safetensors",), keep=[flags.file])
+    output_file(flags.json, "--json", keep=[flags.file, flags.out])
     from graspmap.inference import import_weights, save_weights
     from graspmap.networks import parameter_count
 

@@ -34,7 +34,12 @@ from graspmap.data import files
 from graspmap.data.appendix import cornell_labels, cornell_objects
 from graspmap.data.point_cloud import camera_depth, origin_distance, read_point_cloud
 from graspmap.data.scene import Depth, Scene, Scenes
-from graspmap.errors import DatasetNotFoundError, FileFormatError, UnknownNameError
+from graspmap.errors import (
+    DatasetNotFoundError,
+    FileFormatError,
+    InvalidInputError,
+    UnknownNameError,
+)
 from graspmap.geometry.grasps import Grasps
 
 logger = logging.getLogger(__name__)
@@ -185,7 +190,11 @@ def read_labels(path: Path) -> LabelFile:
             path, f"ends in a rectangle of {len(points) % 4} lines (line {lines[-1][0]})", _LINE
         )
     corners = np.array(points, dtype=np.float64).reshape(-1, 4, 2)
-    grasps = Grasps.from_corners(corners[~np.isnan(corners).any(axis=(1, 2))])
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            grasps = Grasps.from_corners(corners[~np.isnan(corners).any(axis=(1, 2))])
+    except InvalidInputError as error:
+        raise FileFormatError(path, f"holds numbers that are no pixels ({error})", _LINE) from error
     grasps = grasps[(grasps.width > 0) & (grasps.height > 0)]
     dropped = len(corners) - len(grasps)
     if dropped:

@@ -14,8 +14,7 @@ import os
 import struct
 import tempfile
 import zlib
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from graspmap.data.png import decode_rgb
 from graspmap.data.scene import Depth, Mask, Rgb
 from graspmap.errors import FileError, FileFormatError, MissingFileError, storage_errors
 
@@ -99,17 +99,7 @@ def read_image(path: Path) -> NDArray[Any]:
         FileFormatError: It is empty, truncated, damaged or no picture.
         FileError: It may not be read.
     """
-    content = read_bytes(path)
-    if content.startswith(_PNG_SIGNATURE):
-        _check_png(path, content)
-    try:
-        with _quiet_decoder():
-            image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        image = None
-    if image is None:
-        raise FileFormatError(path, "is no picture, or a truncated or damaged one", _REPLACE)
-    return np.asarray(image)
+    return _decode(path, _read_picture(path))
 
 
 def read_rgb(path: Path) -> Rgb:
@@ -120,7 +110,11 @@ def read_rgb(path: Path) -> Rgb:
         FileFormatError: It is no picture of 8 bits per channel.
         FileError: It may not be read.
     """
-    image = read_image(path)
+    content = _read_picture(path)
+    picture = decode_rgb(content) if content.startswith(_PNG_SIGNATURE) else None
+    if picture is not None:
+        return picture
+    image = _decode(path, content)
     if image.dtype != np.uint8:
         raise FileFormatError(
             path, f"colour has type {image.dtype}", "save it with 8 bits per channel"
@@ -225,11 +219,17 @@ def _read_array(path: Path) -> NDArray[Any]:
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a file whole or not at all; folders are made where they are missing.
 
+    A device or a pipe (``/dev/stdout``) is written to, not replaced by a file.
+
     Raises:
         StorageFullError: The disk is full; nothing is left behind under the name.
         FileError: Writing there is not allowed.
     """
     with storage_errors(path):
+        if path.exists() and not path.is_file() and not path.is_dir():
+            path.write_bytes(content)
+            return
+        path = path.resolve() if path.is_symlink() else path  # a link stays one
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
         try:
@@ -246,11 +246,13 @@ def write_bytes(path: Path, content: bytes) -> None:
 def write_text(path: Path, text: str) -> None:
     """Write UTF-8 text whole or not at all, line endings as given.
 
+    Names of files that are no UTF-8 come out as the bytes they are.
+
     Raises:
         StorageFullError: The disk is full.
         FileError: Writing there is not allowed.
     """
-    write_bytes(path, text.encode())
+    write_bytes(path, text.encode(errors="surrogateescape"))
 
 
 def write_rgb(path: Path, rgb: Rgb) -> None:
@@ -296,6 +298,25 @@ def _write_image(path: Path, image: NDArray[Any], options: list[int] | None = No
     write_bytes(path, content.tobytes())
 
 
+def _read_picture(path: Path) -> bytes:
+    """The bytes of a picture file; those of a PNG are known to be whole."""
+    content = read_bytes(path)
+    if content.startswith(_PNG_SIGNATURE):
+        _check_png(path, content)
+    return content
+
+
+def _decode(path: Path, content: bytes) -> NDArray[Any]:
+    try:
+        with _quiet_decoder():
+            image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        image = None
+    if image is None:
+        raise FileFormatError(path, "is no picture, or a truncated or damaged one", _REPLACE)
+    return np.asarray(image)
+
+
 def _check_png(path: Path, content: bytes) -> None:
     # The decoder prints to standard error, and some versions hand out the upper half of a
     # truncated picture; a walk over the checksums costs under a millisecond.
@@ -312,21 +333,6 @@ def _check_png(path: Path, content: bytes) -> None:
             return
         position = end
     raise FileFormatError(path, "the picture is truncated", _REPLACE)
-
-
-def read_together(*reads: Callable[[], Any]) -> list[Any]:
-    """The results of several reads of pictures, decoded at the same time (OpenCV frees the lock).
-
-    Args:
-        reads: Calls without arguments.
-
-    Raises:
-        FileError: Of the first read that fails, in the order given.
-    """
-    # Entered here once: the decoders' own entries then find and leave the level silent.
-    with _quiet_decoder(), ThreadPoolExecutor(len(reads)) as pool:
-        pending = [pool.submit(read) for read in reads]
-        return [future.result() for future in pending]
 
 
 @contextmanager

@@ -35,7 +35,7 @@ class FileHashes:
         self._changed = False
         try:
             known = json.loads(index.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+        except (OSError, ValueError, RecursionError):
             known = {}
         if isinstance(known, dict):
             self._known = known

@@ -129,14 +129,9 @@ class JacquardScenes(Scenes):
         """
         paths, name = self._paths[index], self.ids[index]
         depth_path = self._depth_path(paths)
-        # Colour takes longer to decode than the other two together.
-        rgb, (depth, mask) = files.read_together(
-            lambda: files.read_rgb(paths.rgb),
-            lambda: (
-                None if depth_path is None else files.read_depth(depth_path),
-                None if paths.mask is None else files.read_mask(paths.mask),
-            ),
-        )
+        rgb = files.read_rgb(paths.rgb)
+        depth = None if depth_path is None else files.read_depth(depth_path)
+        mask = None if paths.mask is None else files.read_mask(paths.mask)
         for path, image in ((depth_path, depth), (paths.mask, mask)):
             if path is not None and image is not None and image.shape != rgb.shape[:2]:
                 raise FileFormatError(

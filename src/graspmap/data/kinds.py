@@ -6,6 +6,7 @@ line in `KINDS`.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from inspect import signature
@@ -16,7 +17,12 @@ from graspmap.data import cornell, jacquard
 from graspmap.data.cornell import CornellScenes
 from graspmap.data.jacquard import JacquardScenes
 from graspmap.data.scene import Scenes
-from graspmap.errors import DatasetNotFoundError, FileFormatError, UnknownNameError
+from graspmap.errors import (
+    DatasetNotFoundError,
+    FileFormatError,
+    InvalidInputError,
+    UnknownNameError,
+)
 
 
 @dataclass(frozen=True)
@@ -62,19 +68,31 @@ KINDS: dict[str, Kind] = {
 def split_spec(spec: str | Path) -> tuple[str | None, Path]:
     """Kind (None where it is not given) and folder of ``kind:directory``.
 
+    A leading ``~`` is the user's home: a shell leaves it alone after a colon.
+
     Raises:
         UnknownNameError: The kind is not one of `KINDS`, and no such folder exists.
+        InvalidInputError: No folder is named, or its name holds a zero byte.
     """
     text = str(spec)
     kind, colon, folder = text.partition(":")
+    known = kind in KINDS and not isinstance(spec, Path)
+    # The current folder is hardly meant: rather a variable of the shell that is not set.
+    if not (folder if known and colon else text) or "\0" in text:
+        raise InvalidInputError("data set", repr(text), "kind:directory, or . for this folder")
     if isinstance(spec, Path) or not colon:
-        return None, Path(spec)
-    if kind in KINDS:
-        return kind, Path(folder)
+        return None, _at_home(text)
+    if known:
+        return kind, _at_home(folder)
     if Path(text).exists():
         # A folder with a colon in its name, or a drive letter.
         return None, Path(text)
     raise UnknownNameError("kind of data set", kind, KINDS)
+
+
+def _at_home(folder: str) -> Path:
+    # Path.expanduser raises where the user is unknown; this leaves the name as it is.
+    return Path(os.path.expanduser(folder))  # noqa: PTH111
 
 
 def read_scenes(spec: str | Path, *, depth: str | None = None, **options: Any) -> Scenes:

@@ -198,7 +198,9 @@ def read_split(path: Path | str, scenes: Scenes | None = None) -> Split:
             source=content["source"],
         )
         known = content["format"] == _FORMAT and split.by in get_args(By)
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        if not all(isinstance(name, str) for ids in split.parts.values() for name in ids):
+            raise TypeError("an id is no text")
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise FileFormatError(path, "is no split of graspmap", "make one") from error
     if not known:
         raise FileFormatError(path, "is no split of this version of graspmap", "make it again")

@@ -45,6 +45,8 @@ _PICTURES: dict[str, tuple[Any, tuple[int, ...]]] = {
     "mask": (np.bool_, ()),
 }
 _LABELS = ("grasps", "negatives")
+_LABEL_FILES = (".npy", "_offsets.npy")
+_REMEDY = "delete the folder, it is built again at the next use"
 
 Progress = Callable[[int, int], None]
 """Called with the number of scenes done and the number of all."""
@@ -73,7 +75,7 @@ class Store(Scenes):
     def __init__(self, root: Path | str) -> None:
         self.root = Path(root)
         self._meta = _read_meta(self.root)
-        self.size = int(self._meta["size"])
+        self.size = self._meta["size"]
         self.ids = tuple(self._meta["ids"])
         self._arrays = _map_arrays(self.root, self._meta)
 
@@ -185,6 +187,8 @@ def open_store(
             _remove_leftovers(folder, key)
             if not _is_whole(place):  # the one we waited for may have built it
                 shutil.rmtree(place, ignore_errors=True)
+                if place.is_file():
+                    place.unlink()
                 builder = _Builder(scenes, place, int(size), view)
 
                 def unchanged() -> bool:
@@ -348,20 +352,26 @@ def _sync(path: Path) -> None:
 
 def _read_meta(root: Path) -> dict[str, Any]:
     """The description of a store, after a check that its files are there in full length."""
-    remedy = "delete the folder, it is built again at the next use"
     try:
         meta: dict[str, Any] = json.loads((root / _META).read_text(encoding="utf-8"))
         sizes = {name: (root / name).stat().st_size for name in meta["files"]}
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise FileError(root, f"no whole store ({error})", remedy) from error
-    if meta.get("version") != _VERSION or sizes != meta["files"]:
-        raise FileError(root, "a damaged store, or one of another version", remedy)
+        needed = {"matrix.npy", *(f"{name}{end}" for name in _LABELS for end in _LABEL_FILES)}
+        whole = (
+            sizes == meta["files"]
+            and needed <= set(sizes)
+            and isinstance(meta["size"], int)
+            and len(meta["ids"]) == len(meta["scenes"])
+        )
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise FileError(root, f"no whole store ({error})", _REMEDY) from error
+    if meta.get("version") != _VERSION or not whole:
+        raise FileError(root, "a damaged store, or one of another version", _REMEDY)
     return meta
 
 
 def _is_whole(root: Path) -> bool:
     try:
-        _read_meta(root)
+        Store(root)
     except GraspmapError:
         if root.exists():
             _LOG.warning("%s is damaged and is built again", root)
@@ -371,10 +381,13 @@ def _is_whole(root: Path) -> bool:
 
 def _map_arrays(root: Path, meta: dict[str, Any]) -> dict[str, NDArray[Any]]:
     # As plain arrays: slices of np.memmap objects cost ten times as much.
-    return {
-        name.removesuffix(".npy"): np.asarray(np.load(root / name, mmap_mode="r"))
-        for name in meta["files"]
-    }
+    try:
+        return {
+            name.removesuffix(".npy"): np.asarray(np.load(root / name, mmap_mode="r"))
+            for name in meta["files"]
+        }
+    except (OSError, ValueError) as error:
+        raise FileError(root, f"a damaged store ({error})", _REMEDY) from error
 
 
 @contextmanager

@@ -6,6 +6,7 @@ it finds out from the files. A new kind is one entry there.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -75,15 +76,22 @@ def examine(
 def _split(spec: str | Path) -> tuple[str | None, Path]:
     text = str(spec)
     kind, colon, folder = text.partition(":")
+    if not text:
+        raise InvalidInputError("data", "''", "KIND:FOLDER, or . for this folder")
     if isinstance(spec, Path) or not colon:
-        return None, Path(text)
+        return None, _at_home(text)
     if kind in EXAMINERS:
         if not folder:
             raise InvalidInputError("data", repr(text), f"{kind}:FOLDER")
-        return kind, Path(folder)
+        return kind, _at_home(folder)
     if Path(text).exists():  # a folder with a colon in its name
         return None, Path(text)
     raise UnknownNameError("kind of data", kind, EXAMINERS)
+
+
+def _at_home(folder: str) -> Path:
+    # A shell leaves a ~ alone after a colon. Path.expanduser raises where the user is unknown.
+    return Path(os.path.expanduser(folder))  # noqa: PTH111
 
 
 def _find_kind(root: Path) -> str:

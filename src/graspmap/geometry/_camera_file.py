@@ -9,7 +9,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from graspmap.errors import FileFormatError, GraspmapWarning, InvalidInputError, MissingFileError
+from graspmap.errors import (
+    FileError,
+    FileFormatError,
+    GraspmapWarning,
+    InvalidInputError,
+    MissingFileError,
+)
 
 _REMEDY = "give a JSON or YAML file with fx, fy, cx, cy, width, height, or a ROS camera_info"
 _MATRIX_KEYS = ("K", "k", "camera_matrix")
@@ -55,7 +61,7 @@ def _from_matrix(key: str, value: Any) -> dict[str, float]:
     try:
         flat = [n for row in rows for n in (row if isinstance(row, list | tuple) else [row])]
         numbers = [float(n) for n in flat]
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InvalidInputError(key, f"{value!r:.80}", "nine numbers, row by row") from error
     if len(numbers) != 9:
         raise InvalidInputError(f"length of {key}", len(numbers), "nine numbers, row by row")
@@ -93,12 +99,15 @@ def load(path: Path) -> Mapping[str, Any]:
         raise MissingFileError(path, "there is no such camera file", _REMEDY) from error
     except (IsADirectoryError, UnicodeDecodeError) as error:
         raise FileFormatError(path, "not a text file", _REMEDY) from error
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise FileError(path, f"cannot be read ({reason})", "check its permissions") from error
     try:
         try:
             values = json.loads(text)
-        except json.JSONDecodeError:
+        except ValueError:  # no JSON, or a number with thousands of digits
             values = next(yaml.safe_load_all(text), None)
-    except (yaml.YAMLError, RecursionError) as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise FileFormatError(path, "neither JSON nor YAML", _REMEDY) from error
     if not isinstance(values, Mapping):
         raise FileFormatError(path, "no keys and values in it", _REMEDY)

@@ -98,7 +98,7 @@ def check_affine(matrix: ArrayLike) -> Floats:
 
     Raises:
         InvalidInputError: The shape is not (2, 3) or (3, 3), the last row is not (0, 0, 1), a
-            number is not finite, or the map is singular.
+            number is not finite, or the map is singular or as good as that.
     """
     m = numbers("affine matrix", matrix)
     if m.shape == (2, 3):
@@ -107,7 +107,9 @@ def check_affine(matrix: ArrayLike) -> Floats:
         raise InvalidInputError("shape of the affine matrix", m.shape, "(2, 3) or (3, 3)")
     if not np.isfinite(m).all() or not np.allclose(m[2], (0.0, 0.0, 1.0)):
         raise InvalidInputError("affine matrix", m.tolist(), "finite, last row (0, 0, 1)")
-    if abs(np.linalg.det(m[:2, :2])) < 1e-12:
+    with np.errstate(over="ignore", invalid="ignore"):
+        area = abs(np.linalg.det(m[:2, :2]))
+    if not 1e-12 <= area <= 1e24:
         raise InvalidInputError("affine matrix", m.tolist(), "an invertible map")
     return m
 

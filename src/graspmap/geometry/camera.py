@@ -204,8 +204,8 @@ def _number(name: str, value: Any) -> float:
             raise TypeError
         # YAML reads 6e2 as text, so text that is a number counts as one.
         number = float(value)
-    except (TypeError, ValueError) as error:
-        raise InvalidInputError(name, repr(value), "a number") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InvalidInputError(name, f"{value!r:.80}", "a number") from error
     if not math.isfinite(number):
         raise InvalidInputError(name, number, "a finite number")
     return number

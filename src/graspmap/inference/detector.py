@@ -31,6 +31,7 @@ from graspmap.maps.grasp_maps import GraspMaps
 from graspmap.networks import GraspNetwork
 
 BACKENDS = ("torch",)
+_LARGEST_REGION = 100
 PATCH_PX = 5
 """Side of the patch around a grasp's centre whose median depth places the grasp."""
 
@@ -69,6 +70,8 @@ class Detector:
 
     def __init__(self, network: GraspNetwork, card: WeightsCard, *, device: str = "cpu") -> None:
         try:
+            if torch.device(device).type == "meta":  # PyTorch's device for shapes without numbers
+                raise RuntimeError("no device that computes")
             self._network = network.eval().to(device)
         except (RuntimeError, AssertionError) as error:
             raise InvalidInputError("device", repr(device), "a torch device of this machine") from (
@@ -146,7 +149,7 @@ class Detector:
             raise InvalidInputError("top", top, "1 or more")
         shape = self._check(rgb, depth, mask, camera)
         if depth is not None:
-            depth = check_depth_m(depth, "depth")
+            depth = check_depth_m(depth, "the picture")
         size = self.card.size
         if region is not None:
             matrix = region_window(_check_region(region, shape), size)
@@ -241,6 +244,9 @@ def _check_region(
     if len(values) != 4 or not np.isfinite(values).all() or min(values[2:]) <= 0:
         raise InvalidInputError("region", region, "x, y, width, height in pixels, sizes above 0")
     x, y, width, height = values
+    if max(values[2:]) < 1 or max(values[2:]) > _LARGEST_REGION * max(shape):
+        allowed = f"a longer side from 1 px to {_LARGEST_REGION} times that of the picture"
+        raise InvalidInputError("region", region, allowed)
     if x >= shape[1] or y >= shape[0] or x + width <= 0 or y + height <= 0:
         raise InvalidInputError("region", region, f"inside the {shape[1]} x {shape[0]} picture")
     return x, y, width, height

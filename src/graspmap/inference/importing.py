@@ -22,6 +22,7 @@ from torch import Tensor, nn
 from graspmap.data.images import Channels, channel_count
 from graspmap.errors import InvalidInputError, UnknownNameError, WeightsError
 from graspmap.inference.weights import (
+    MOST_PX,
     View,
     WeightsCard,
     check_numbers,
@@ -109,10 +110,12 @@ def import_weights(
 def _check_settings(width_scale: float, size: int, view: View) -> None:
     if not 0 < width_scale < float("inf"):
         raise InvalidInputError("width_scale", width_scale, "pixels above 0")
-    if size < 1:
-        raise InvalidInputError("size", size, "pixels, 1 or more")
-    if view not in ("contain", "cover") and (isinstance(view, str) or view < 1):
-        raise InvalidInputError("view", repr(view), "contain, cover, or a side in pixels")
+    if not 1 <= size <= MOST_PX:
+        raise InvalidInputError("size", size, f"pixels, from 1 to {MOST_PX}")
+    if view not in ("contain", "cover") and (isinstance(view, str) or not 1 <= view <= MOST_PX):
+        raise InvalidInputError(
+            "view", repr(view), f"contain, cover, or a side in pixels, at most {MOST_PX}"
+        )
 
 
 def _read(path: Path, content: bytes) -> Any:
@@ -224,9 +227,12 @@ def _match_in_order(
 ) -> tuple[GraspNetwork | None, list[str]]:
     """`_match` for layers whose order in the network is known."""
     first = tensors.get(f"{trunk[0]}.weight") if trunk else None
-    if first is None or first.ndim != 4 or f"{heads[0]}.weight" not in tensors:
+    head = tensors.get(f"{heads[0]}.weight")
+    if first is None or head is None or first.ndim != 4 or head.ndim != 4:
         return None, ["its first layer or its heads are no convolutions"]
-    network = make_network(name, first.shape[1], len(tensors[f"{heads[0]}.weight"]))
+    if not first.shape[1] or not head.shape[0]:
+        return None, ["its first layer or its heads hold no numbers"]
+    network = make_network(name, first.shape[1], head.shape[0])
     renamed = _renamed(network, trunk, heads, tensors)
     problems = differences(network.state_dict(), renamed)
     if problems:

@@ -30,7 +30,10 @@ from graspmap.networks import GraspNetwork, make_network
 FORMAT: Final = 1
 """Version of the card; a newer one is refused rather than misread."""
 
-View = Literal["contain", "cover"] | Annotated[int, Field(ge=1)]
+MOST_BINS, MOST_PX = 1024, 16384
+"""A card that asks for more is a damaged or a hostile one: it would only fill the memory."""
+
+View = Literal["contain", "cover"] | Annotated[int, Field(ge=1, le=MOST_PX)]
 """Centre square of a picture that fills the input: a name, or a side in pixels."""
 
 SUFFIX = ".safetensors"
@@ -85,8 +88,8 @@ class WeightsCard(BaseModel):
     format: Literal[1] = FORMAT
     network: str
     channels: Channels
-    bins: int = Field(default=1, ge=1)
-    size: int = Field(default=300, ge=1)
+    bins: int = Field(default=1, ge=1, le=MOST_BINS)
+    size: int = Field(default=300, ge=1, le=MOST_PX)
     view: View = "cover"
     width_scale_px: float = Field(gt=0, allow_inf_nan=False)
     data: DataCard | None = None
@@ -217,7 +220,7 @@ def read_safetensors(path: Path, content: bytes) -> tuple[dict[str, Tensor], dic
         # safetensors has checked the header by now; it does not hand out its metadata.
         length = int.from_bytes(content[:8], "little")
         metadata = json.loads(content[8 : 8 + length]).get("__metadata__") or {}
-    except (SafetensorError, ValueError, KeyError) as error:
+    except (SafetensorError, ValueError, KeyError, RecursionError) as error:
         raise WeightsError(path, f"is cut short or damaged ({error})", _AGAIN) from error
     return tensors, metadata
 
@@ -238,11 +241,11 @@ def differences(expected: dict[str, Tensor], found: dict[str, Tensor], most: int
 def check_numbers(path: Path, tensors: dict[str, Tensor]) -> None:
     """Raise a `WeightsError` unless all tensors hold finite floating-point numbers."""
     for name, tensor in tensors.items():
-        if not tensor.is_floating_point() or tensor.layout != torch.strided:
+        if not _is_plain(tensor):
             raise WeightsError(
                 path,
-                f"{name} is of type {tensor.dtype} in layout {tensor.layout}",
-                "give a file with dense floating-point tensors",
+                f"{name} is of type {tensor.dtype} in layout {tensor.layout}, {_stored(tensor)}",
+                "give a file with dense tensors of 16, 32 or 64-bit floating-point numbers",
             )
         if not bool(tensor.isfinite().all()):
             raise WeightsError(
@@ -250,10 +253,28 @@ def check_numbers(path: Path, tensors: dict[str, Tensor]) -> None:
             )
 
 
+def _is_plain(tensor: Tensor) -> bool:
+    """Whether every number of the tensor is in memory, in a type that all operations know."""
+    if tensor.layout != torch.strided or tensor.device.type != "cpu":
+        return False
+    known = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
+    return tensor.dtype in known and _stored_bytes(tensor) >= tensor.numel() * tensor.itemsize
+
+
+def _stored_bytes(tensor: Tensor) -> int:
+    return tensor.untyped_storage().nbytes()
+
+
+def _stored(tensor: Tensor) -> str:
+    if tensor.layout != torch.strided or tensor.device.type != "cpu":
+        return f"on the device {tensor.device}"
+    return f"{_stored_bytes(tensor)} bytes for {tensor.numel()} numbers"
+
+
 def _read_card(path: Path, text: str) -> WeightsCard:
     try:
         version = json.loads(text)["format"]
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise WeightsError(path, "its card is damaged", _AGAIN) from error
     if version != FORMAT:
         raise WeightsError(

@@ -188,7 +188,9 @@ def text_width(text: str, size: float = 0.45) -> int:
     """Width of a line of text, pixels."""
     import cv2
 
-    (width, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
+    # As `write_text` writes it; and a name that is no Unicode makes OpenCV crash.
+    ascii_text = text.encode("ascii", "replace").decode()
+    (width, _), _ = cv2.getTextSize(ascii_text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
     return int(width)
 
 

@@ -24,6 +24,7 @@ import torch
 from lightning.fabric.plugins.io import CheckpointIO
 from lightning.pytorch.callbacks import Callback, Checkpoint
 
+from graspmap.data.files import read_lines
 from graspmap.errors import FileFormatError, MissingFileError, storage_errors
 from graspmap.training.module import GraspModule
 from graspmap.training.state import LOSS_NAMES
@@ -236,16 +237,18 @@ def read_rows(path: Path) -> list[dict[str, float]]:
     """The rows of a ``metrics.jsonl``; none where there is no such file.
 
     Raises:
-        FileFormatError: A line is damaged.
+        FileFormatError: A line is damaged, or it is no text.
     """
     if not path.exists():
         return []
     rows = []
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+    for number, line in read_lines(path):
         try:
             row = json.loads(line)
             row["epoch"] = int(row["epoch"])
-        except (ValueError, KeyError, TypeError) as error:
+            if not row.keys() <= set(COLUMNS):
+                raise KeyError("unknown key")
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise FileFormatError(path, f"line {number} is damaged", "delete that line") from error
         rows.append(row)
     return rows

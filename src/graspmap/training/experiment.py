@@ -7,15 +7,11 @@ allowed. Flags of the command line are the same keys, dotted: ``--training.epoch
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, model_validator
-
-from graspmap.errors import storage_errors
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 Positive = Annotated[int, Field(ge=1)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
@@ -25,6 +21,11 @@ Zoom = Annotated[float, Field(ge=0.05, le=20)]
 
 class _Section(BaseModel):
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def _as_text(value: Any) -> Any:
+    """Numbers as text: YAML and the command line read 32 as a number."""
+    return str(value) if type(value) is int else value
 
 
 class NetworkSection(_Section):
@@ -38,7 +39,7 @@ class NetworkSection(_Section):
 
     name: str = "ggcnn2"
     channels: Literal["depth", "rgb", "rgbd"] = "depth"
-    bins: Positive = 1
+    bins: Annotated[int, Field(ge=1, le=1024)] = 1
 
 
 class SplitSection(_Section):
@@ -116,7 +117,7 @@ class DataSection(_Section):
     source: str
     depth: Literal["perfect", "stereo", "z", "range"] | None = None
     size: Annotated[int, Field(ge=16, le=4096)] = 300
-    view: Literal["contain", "cover"] | Positive = "contain"
+    view: Literal["contain", "cover"] | Annotated[int, Field(ge=1, le=16384)] = "contain"
     split: SplitSection = SplitSection()
     augment: AugmentSection = AugmentSection()
     cache_dir: str | None = None
@@ -206,8 +207,8 @@ class TrainingSection(_Section):
     epochs: Annotated[int, Field(ge=0)] = 40
     batch_size: Positive = 8
     batches_per_epoch: Positive | None = None
-    precision: Literal["32", "bf16", "16"] = "32"
-    workers: Annotated[int, Field(ge=0)] = 0
+    precision: Annotated[Literal["32", "bf16", "16"], BeforeValidator(_as_text)] = "32"
+    workers: Annotated[int, Field(ge=0, le=256)] = 0
     early_stopping_patience: Positive | None = None
     checkpoint_minutes: Annotated[float, Field(ge=0)] = 5.0
     device: Literal["auto", "cpu", "cuda"] = "auto"
@@ -245,21 +246,6 @@ class Experiment(_Section):
     def to_yaml(self) -> str:
         """The experiment as YAML text that `read_experiment` reads back to an equal value."""
         return yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
-
-    def write(self, path: Path | str) -> None:
-        """Write `to_yaml` to ``path``, whole or not at all.
-
-        Raises:
-            StorageFullError: The disk is full.
-        """
-        target = Path(path)
-        part = target.with_name(f".{target.name}.part-{os.getpid()}")
-        with storage_errors(target):
-            try:
-                part.write_text(self.to_yaml(), encoding="utf-8")
-                part.replace(target)
-            finally:
-                part.unlink(missing_ok=True)
 
 
 def _flatten(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ValidationError
 from graspmap.errors import ConfigError, FileFormatError, MissingFileError
 from graspmap.training.experiment import Experiment
 
+_MOST_VALUES = 10_000
 COMMAND_LINE = "command line"
 """Stands for the file in errors about a flag."""
 
@@ -56,6 +57,7 @@ def read_experiment(
         overrides = parse_overrides(overrides)
     for key, value in overrides.items():
         _set(values, key, value)
+    _check_plain(values, file)
     return _validate(values, file, frozenset(overrides))
 
 
@@ -142,6 +144,33 @@ def _load(text: str, path: Path | str, key: str | None = None) -> Any:
         if key is not None:
             raise ConfigError(path, key, f"no YAML value ({problem})", "quote the text") from error
         raise FileFormatError(path, f"no YAML ({problem})", "mend that line") from error
+
+
+def _check_plain(values: dict[str, Any], path: Path) -> None:
+    """See that the values are text, numbers, lists and sections, and not too many.
+
+    A few lines of YAML can stand for billions of values, by aliases of aliases.
+
+    Raises:
+        FileFormatError: They are not.
+    """
+    remedy = "give text, numbers, lists and sections only"
+    rest: list[Any] = [values]
+    for _ in range(_MOST_VALUES):
+        if not rest:
+            return
+        value = rest.pop()
+        if isinstance(value, dict):
+            rest += [*value, *value.values()]
+        elif isinstance(value, list):
+            rest += value
+        elif isinstance(value, str):
+            # A zero byte or half a character can be in no name of a file.
+            if re.search("[\0\ud800-\udfff]", value):
+                raise FileFormatError(path, f"holds {_short(value)}, which is no text", remedy)
+        elif not (value is None or isinstance(value, bool | int | float)):
+            raise FileFormatError(path, f"holds a {type(value).__name__}", remedy)
+    raise FileFormatError(path, f"holds more than {_MOST_VALUES} values", remedy)
 
 
 def _set(values: dict[str, Any], key: str, value: Any) -> None:

@@ -11,12 +11,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
+import cv2
 import numpy as np
 import torch
 from lightning.pytorch import Trainer
 from lightning.pytorch.utilities.exceptions import SIGTERMException
 
 from graspmap.data import channel_count
+from graspmap.errors import GraspmapError
 from graspmap.inference import DataCard, WeightsCard, load_weights, save_weights
 from graspmap.metrics import score_rectangles
 from graspmap.networks import make_network
@@ -87,14 +89,17 @@ def train(
         state = _last_state(folder)
         if folder.last.exists() and state.finished(experiment) and folder.weights.exists():
             return load_weights(folder.weights)[1]
+        if folder.last.exists():
+            load_checkpoint(folder.best)  # hours later would be too late to find it damaged
         # While the run goes on there is no result: an old one must not pass for the new.
         folder.weights.unlink(missing_ok=True)
-        while not folder.last.exists() or not state.finished(experiment):
-            if state.epoch or state.batch:
-                _logger.info("going on after epoch %d, batch %d", state.epoch, state.batch)
-            _fit(experiment, setup, folder, progress)
-            state = _last_state(folder)
-        return _finish(experiment, setup, folder, command, progress)
+        with _opencv_without_threads(experiment.training.workers > 0):
+            while not folder.last.exists() or not state.finished(experiment):
+                if state.epoch or state.batch:
+                    _logger.info("going on after epoch %d, batch %d", state.epoch, state.batch)
+                _fit(experiment, setup, folder, progress)
+                state = _last_state(folder)
+            return _finish(experiment, setup, folder, command, progress)
 
 
 def _last_state(folder: Folder) -> RunState:
@@ -147,7 +152,7 @@ def _fit(experiment: Experiment, setup: Setup, folder: Folder, progress: Progres
             Checkpoints(module, folder.checkpoints, experiment.training.checkpoint_minutes),
         ],
     )
-    with _interruptible():
+    with _interruptible(trainer):
         trainer.fit(
             module,
             datamodule=_data(experiment, setup, state),
@@ -177,10 +182,10 @@ def _finish(
         },
     }
     if setup.parts["test"]:
-        with progress("testing") as update, _interruptible():
+        # In full precision: that is how the weights are used.
+        trainer = _trainer(setup, folder, precision="32-true", callbacks=[])
+        with progress("testing") as update, _interruptible(trainer):
             update(0, len(setup.parts["test"]))
-            # In full precision: that is how the weights are used.
-            trainer = _trainer(setup, folder, precision="32-true", callbacks=[])
             data = _data(experiment, setup, state)
             trainer.test(module, dataloaders=data.test_dataloader(), verbose=False)
         metrics["test"] = _score(experiment, module)
@@ -255,8 +260,29 @@ def _quiet_lightning() -> Iterator[None]:
 
 
 @contextmanager
-def _interruptible() -> Iterator[None]:
-    """Let Ctrl-C and a scheduler's SIGTERM through: Lightning turns both into an exit code."""
+def _opencv_without_threads(wanted: bool) -> Iterator[None]:
+    """End OpenCV's threads while workers are forked.
+
+    A forked process inherits the record of the threads but not the threads: once packing has
+    started them, a worker would wait for them for ever.
+    """
+    threads = cv2.getNumThreads()
+    if wanted:
+        cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
+
+
+@contextmanager
+def _interruptible(trainer: Trainer) -> Iterator[None]:
+    """Let Ctrl-C and a scheduler's SIGTERM through: Lightning turns both into an exit code.
+
+    Raises:
+        KeyboardInterrupt: One of them came.
+        GraspmapError: A process that prepares pictures died.
+    """
     main = threading.current_thread() is threading.main_thread()
     handler = signal.getsignal(signal.SIGINT)
     try:
@@ -265,6 +291,16 @@ def _interruptible() -> Iterator[None]:
         if isinstance(stop, SIGTERMException) or isinstance(stop.__context__, KeyboardInterrupt):
             raise KeyboardInterrupt from None
         raise
+    except RuntimeError as error:
+        if not str(error).startswith("DataLoader worker"):
+            raise
+        # A SIGTERM to the whole process group ends the workers first.
+        if trainer.received_sigterm or "Terminated" in str(error):
+            raise KeyboardInterrupt from None
+        raise GraspmapError(
+            f"a process that prepares pictures died ({error}), most likely for want of memory; use "
+            "fewer --training.workers, or a smaller --training.batch_size"
+        ) from error
     finally:
         if main and handler is not None:
             signal.signal(signal.SIGINT, handler)

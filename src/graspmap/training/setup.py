@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -21,7 +22,14 @@ from graspmap.data import (
     read_scenes,
     read_split,
 )
-from graspmap.errors import ConfigError, FileError, FileFormatError, storage_errors
+from graspmap.data.files import read_bytes
+from graspmap.errors import (
+    ConfigError,
+    FileError,
+    FileFormatError,
+    GraspmapError,
+    storage_errors,
+)
 from graspmap.training.callbacks import Progress, replace_file
 from graspmap.training.data import greatest_opening
 from graspmap.training.experiment import Experiment
@@ -212,12 +220,24 @@ def prepare(experiment: Experiment, folder: Folder, device: str, progress: Progr
     facts = {"store": store.key, "split": split.hash, "width_scale_px": scale}
     if not folder.facts.exists() or not folder.last.exists():
         replace_file(folder.facts, (json.dumps(facts, indent=2) + "\n").encode())
-    elif (before := json.loads(folder.facts.read_text(encoding="utf-8"))) != facts:
+    elif (before := _read_facts(folder.facts)) != facts:
         changed = ", ".join(key for key in facts if facts[key] != before.get(key))
         raise FileFormatError(
             folder.facts, f"the data changed since this run began ({changed})", _ANEW
         )
     return Setup(store, parts, split.hash, scale, device)
+
+
+def _read_facts(path: Path) -> dict[str, Any]:
+    try:
+        facts = json.loads(read_bytes(path))
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, GraspmapError):
+            raise
+        facts = None
+    if not isinstance(facts, dict):
+        raise FileFormatError(path, "is damaged", _ANEW)
+    return facts
 
 
 def cache_folder(experiment: Experiment) -> Path:
