@@ -138,3 +138,9 @@ def test_zoom_refuses(factor):
 def test_window_refuses(side, size):
     with pytest.raises(InvalidInputError):
         affine.window(0, 0, side, size)
+
+
+@pytest.mark.parametrize("factor", [1e-7, 1e13, 1e200])
+def test_maps_as_good_as_singular_are_refused(factor):
+    with pytest.raises(InvalidInputError):
+        affine.check_affine(affine.zoom(factor))

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from graspmap.errors import (
+    FileError,
     FileFormatError,
     GraspmapWarning,
     InvalidInputError,
@@ -243,3 +244,14 @@ class TestFiles:
             Camera.from_dict({"focal": 600})
         with pytest.raises(InvalidInputError, match="it has nothing"):
             Camera.from_dict({})
+
+
+@pytest.mark.parametrize("number", ["1" * 400, "1" * 9000, "[" * 50000])
+def test_numbers_beyond_all_bounds(tmp_path, number):
+    path = tmp_path / "camera.json"
+    path.write_text(f'{{"fx": {number}, "fy": 1, "cx": 0, "cy": 0, "width": 4, "height": 3}}')
+    with pytest.raises(FileFormatError) as caught:
+        Camera.read(path)
+    assert caught.value.path == path
+    with pytest.raises(FileError, match="cannot be read"):
+        Camera.read(tmp_path / ("x" * 300))

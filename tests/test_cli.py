@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import json
+import os
+import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -12,7 +16,7 @@ import pytest
 import torch
 
 from graspmap import cli
-from graspmap.cli.frame import plain
+from graspmap.cli.frame import plain, write_json
 from graspmap.data import Scene, write_jacquard, write_predictions
 from graspmap.errors import FileError
 from graspmap.geometry import Grasps
@@ -340,6 +344,8 @@ def test_errors_of_the_system_are_one_line(capsys, monkeypatch):
         (FileError("a", "b", "c"), 2, "a: b; c"),
         (KeyboardInterrupt(), 130, "stopped"),
         (MemoryError(), 2, "out of memory"),
+        (RuntimeError("DefaultCPUAllocator: can't allocate memory"), 2, "out of memory"),
+        (UnicodeEncodeError("utf-8", "b\udcff", 1, 2, "surrogates"), 2, "b\\udcff"),
     ):
 
         def fail(argv, error=error):
@@ -397,3 +403,72 @@ def test_demo_end_to_end(capsys, monkeypatch, tmp_path):
     assert "http" not in page
     again = json.loads(run(capsys, *words)[1])
     assert again["success"] == summary["success"]
+
+
+def test_detect_names_the_file_that_holds_nothing(capsys, weights, pictures, tmp_path):
+    words = ["detect", "--weights", weights]
+    holes, empty, camera = tmp_path / "holes.tiff", tmp_path / "0.png", tmp_path / "c.json"
+    cv2.imwrite(str(holes), np.zeros((60, 80), np.float32))
+    cv2.imwrite(str(empty), np.zeros((60, 80), np.uint8))
+    camera.write_text('{"fx": 9, "fy": 9, "cx": 0, "cy": 0, "width": 81, "height": 60}')
+    assert str(holes) in refused(capsys, *words, "--depth", holes)
+    words += ["--depth", pictures / "depth.tiff"]
+    assert str(empty) in refused(capsys, *words, "--mask", empty)
+    assert str(camera) in refused(capsys, *words, "--camera", camera)
+
+
+def test_what_a_command_reads_is_not_replaced(capsys, weights, pictures, tmp_path):
+    copy = tmp_path / "rgb.png"
+    copy.write_bytes((pictures / "rgb.png").read_bytes())
+    words = ("detect", "--weights", weights, "--rgb", copy, "--depth", pictures / "depth.tiff")
+    assert "another name" in refused(capsys, *words, "--overlay", tmp_path / "." / "rgb.png")
+    assert "another name" in refused(capsys, *words, "--json", weights)
+    assert copy.read_bytes() == (pictures / "rgb.png").read_bytes()
+
+
+def test_a_device_or_a_pipe_can_take_the_json(capsys, weights, pictures):
+    words = ("detect", "--weights", weights, "--depth", pictures / "depth.tiff")
+    assert run(capsys, *words, "--json", os.devnull)[0] == 0
+    assert not Path(os.devnull).is_file()
+
+
+def test_negative_seed(capsys, scenes, weights):
+    words = ("evaluate", "--data", f"jacquard:{scenes}", "--weights", weights, "--seed", -1)
+    assert "--seed" in refused(capsys, *words)
+
+
+def test_an_old_terminal_and_a_full_disk_behind_it():
+    code = "import sys; from graspmap.cli import main; sys.exit(main(['doctor', '.']))"
+    patch = "import graspmap.cli.doctor as d; d.run = lambda a: print('caf\u00e9'); "
+    old = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run([sys.executable, "-c", patch + code], capture_output=True, env=old)
+    assert (done.returncode, done.stdout) == (0, b"caf\\xe9\n")
+    if Path("/dev/full").is_char_device():
+        with open("/dev/full", "w") as full:  # noqa: PTH123  # Path.open would look at its size
+            done = subprocess.run(
+                [sys.executable, "-c", patch + code], stdout=full, stderr=subprocess.PIPE
+            )
+        assert done.returncode == 2
+        assert done.stderr == (
+            b"graspmap: error: standard output: the disk is full; free some space, then run again\n"
+        )
+
+
+def test_json_for_an_old_terminal_is_still_json(monkeypatch, tmp_path):
+    out = io.TextIOWrapper(io.BytesIO(), encoding="ascii", errors="backslashreplace")
+    monkeypatch.setattr(sys, "stdout", out)
+    write_json({"name": "caf\u00e9"}, Path("-"))
+    out.seek(0)
+    assert json.load(out) == {"name": "caf\u00e9"}
+    write_json({"name": "\udcff"}, tmp_path / "a.json")
+    assert json.loads((tmp_path / "a.json").read_bytes()) == {"name": "\udcff"}
+
+
+def test_sigterm_ends_a_command_like_ctrl_c(capsys, monkeypatch):
+    import graspmap.cli.doctor as command
+
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr(command, "run", lambda _: signal.raise_signal(signal.SIGTERM))
+    code, _, err = run(capsys, "doctor", "x")
+    assert (code, err) == (130, "graspmap: stopped; finished work is kept\n")
+    assert signal.getsignal(signal.SIGTERM) is before

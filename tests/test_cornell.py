@@ -173,6 +173,13 @@ def test_damaged_labels_are_named(tmp_path, text, problem):
     assert caught.value.path == tmp_path / "pcd0100cpos.txt"
 
 
+def test_corners_beyond_all_pixels_are_named(tmp_path):
+    path = tmp_path / "pcd0001cpos.txt"
+    path.write_text("1e308 1e308\n-1e308 1e308\n-1e308 -1e308\n1e308 -1e308\n")
+    with pytest.raises(FileFormatError, match="no pixels"):
+        read_labels(path)
+
+
 def test_labels_that_are_no_text(tmp_path):
     path = tmp_path / "pcd0100cpos.txt"
     path.write_bytes(b"\x89PNG\xff\xfe")

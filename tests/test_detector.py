@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from graspmap import Camera, Detector, Grasps, GraspMaps, draw_maps
+from graspmap import Camera, Detector, GraspMaps, Grasps, draw_maps
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.inference import WeightsCard, import_weights, save_weights
 from graspmap.inference.detector import locate
@@ -125,6 +125,8 @@ def test_one_wild_pixel_does_not_move_a_grasp():
         ({"depth": table(20, 30), "region": (0, 0, 0, 5)}, "region"),
         ({"depth": table(20, 30), "region": (40, 0, 5, 5)}, "region"),
         ({"depth": table(20, 30), "region": (0, 0, 5)}, "region"),
+        ({"depth": table(20, 30), "region": (0, 0, 1e-300, 1e-300)}, "region"),
+        ({"depth": table(20, 30), "region": (0, 0, 1e9, 1e9)}, "region"),
         ({"depth": table(20, 30), "top": 0}, "top"),
     ],
 )
@@ -143,6 +145,8 @@ def test_unknown_backend_and_device(tmp_path):
         Detector.load(tmp_path / "w.safetensors", backend="torhc")
     with pytest.raises(InvalidInputError, match="device"):
         Detector.load(tmp_path / "w.safetensors", device="abacus")
+    with pytest.raises(InvalidInputError, match="device"):
+        Detector.load(tmp_path / "w.safetensors", device="meta")
 
 
 def published_ggcnn2(path, x):
@@ -162,9 +166,7 @@ def published_ggcnn2(path, x):
     for name in ("features.15", "features.18"):  # these authors upsample instead of transposing
         y = f.interpolate(y, scale_factor=2, mode="bilinear", align_corners=True)
         y = f.relu(layer(name, y, padding=1))
-    return {
-        name: layer(f"{name}_output", y).numpy()[0] for name in ("pos", "cos", "sin", "width")
-    }
+    return {name: layer(f"{name}_output", y).numpy()[0] for name in ("pos", "cos", "sin", "width")}
 
 
 @pytest.fixture(scope="session")

@@ -401,3 +401,11 @@ def test_real_meshes(data_dir, folder, count, unit):
     assert (report.kind, report.count, report.problems) == ("meshes", count, [])
     assert report.to_dict()["size"]["unit"] == unit
     assert report.to_dict()["surface"]["closed"] == count
+
+
+def test_home_is_found_and_nothing_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    with pytest.raises(MissingFileError, match=str(tmp_path / "nowhere")):
+        examine("jacquard:~/nowhere")
+    with pytest.raises(InvalidInputError):
+        examine("")

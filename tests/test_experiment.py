@@ -72,6 +72,10 @@ def test_written_files_are_read_back_equal(file, tmp_path):
     assert read_experiment(tmp_path / "again.yaml") == experiment
 
 
+# No name of a folder holds a zero byte.
+SOURCE = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]))
+
+
 @given(
     st.builds(
         dict,
@@ -81,7 +85,7 @@ def test_written_files_are_read_back_equal(file, tmp_path):
             {"learning_rate": st.floats(1e-12, 1e6), "weight_decay": st.floats(0, 1)}
         ),
         data=st.fixed_dictionaries(
-            {"source": st.text(), "size": st.integers(16, 4096), "view": st.integers(1, 9999)}
+            {"source": SOURCE, "size": st.integers(16, 4096), "view": st.integers(1, 9999)}
         ),
     )
 )
@@ -239,3 +243,41 @@ def read_back(flat):
             inner = inner.setdefault(section, {})
         inner[last] = value
     return Experiment.model_validate_json(json.dumps(values))
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("name: !!binary aGVsbG8=", "holds a bytes"),
+        ("name: !!timestamp 2001-01-01", "holds a date"),
+        ("name: !!set {a, b}", "holds a set"),
+        ('data: {source: "jacquard:a\\0b"}', "no text"),
+        ('name: "\\ud800"', "no text"),
+        (
+            "a: &a [1, 2, 3, 4, 5, 6, 7, 8, 9]\n"
+            + "".join(
+                f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]\n"
+                for a, b in zip("abcdefghij", "bcdefghijk", strict=True)
+            ),
+            "more than",
+        ),
+    ],
+)
+def test_values_that_no_experiment_has(file, text, problem):
+    with pytest.raises(FileFormatError, match=problem):
+        read_experiment(file(text))
+
+
+def test_precision_may_be_written_as_a_number(file):
+    path = file("data: {source: x}\ntraining: {precision: 32}")
+    assert read_experiment(path).training.precision == "32"
+    flags = ["--training.precision", "16"]
+    assert read_experiment(path, flags).training.precision == "16"
+
+
+@pytest.mark.parametrize(
+    "flag", ["--training.workers=100000", "--network.bins=1000000000", "--data.view=1000000000"]
+)
+def test_numbers_that_would_only_fill_the_memory(file, flag):
+    with pytest.raises(ConfigError, match="less than or equal to"):
+        read_experiment(file("data: {source: x}"), [flag])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -120,3 +121,26 @@ def test_an_unknown_ending(tmp_path):
     with pytest.raises(FileFormatError, match="no format"):
         files.write_mask(tmp_path / "mask.xyz", np.ones((2, 2), bool))
     assert not list(tmp_path.iterdir())
+
+
+def test_pipes_and_links_stay_what_they_are(tmp_path):
+    read, write = os.pipe()
+    files.write_bytes(Path(f"/dev/fd/{write}"), b"abc")
+    assert os.read(read, 9) == b"abc"
+    os.close(read)
+    os.close(write)
+    (tmp_path / "link").symlink_to(tmp_path / "target")
+    for text in ("one", "two"):
+        files.write_text(tmp_path / "link", text)
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "target").read_text() == "two"
+
+
+def test_names_that_are_no_unicode_are_written_as_their_bytes(tmp_path):
+    files.write_text(tmp_path / "a", os.fsdecode(b"caf\xe9"))
+    assert (tmp_path / "a").read_bytes() == b"caf\xe9"
+
+
+def test_any_refusal_to_write_is_named(tmp_path):
+    with pytest.raises(FileError, match="cannot be written"):
+        files.write_text(tmp_path / ("x" * 300), "y")

@@ -21,7 +21,7 @@ from graspmap.pictures import (
     map_picture,
     overlay,
 )
-from graspmap.pictures.draw import JAW, OPENING, draw_window
+from graspmap.pictures.draw import JAW, OPENING, draw_window, text_width
 from graspmap.pictures.fields import HOLE
 
 
@@ -182,3 +182,7 @@ def test_encoded_pictures_decode_to_the_same_colours(suffix):
     assert np.abs(back[..., ::-1].astype(int) - red).max() < 6
     with pytest.raises(InvalidInputError):
         encode(red, ".bmp")
+
+
+def test_text_that_is_no_unicode_has_a_width():
+    assert text_width("a\udcff") == text_width("a?") > 0

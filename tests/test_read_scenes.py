@@ -12,7 +12,12 @@ import graspmap.data
 from graspmap.data.cornell import CornellScenes
 from graspmap.data.jacquard import JacquardScenes
 from graspmap.data.kinds import KINDS, detect_kind, read_scenes, split_spec
-from graspmap.errors import DatasetNotFoundError, FileFormatError, UnknownNameError
+from graspmap.errors import (
+    DatasetNotFoundError,
+    FileFormatError,
+    InvalidInputError,
+    UnknownNameError,
+)
 
 
 def write_cornell(root):
@@ -105,3 +110,13 @@ def test_public_names():
         assert getattr(graspmap.data, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         graspmap.data.nothing  # noqa: B018  # the access is the test
+
+
+def test_home_and_nothing(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert split_spec("cornell:~/a") == ("cornell", tmp_path / "a")
+    assert split_spec("~/a") == (None, tmp_path / "a")
+    assert split_spec("cornell:~nobody-at-all/a") == ("cornell", Path("~nobody-at-all/a"))
+    for spec in ("", "cornell:", "jacquard:a\0b"):
+        with pytest.raises(InvalidInputError, match="kind:directory"):
+            split_spec(spec)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from graspmap.data.cornell import CornellScenes
 from graspmap.data.scene import Scenes
-from graspmap.data.split import fingerprint, make_folds, make_split, read_split
+from graspmap.data.split import _digest, fingerprint, make_folds, make_split, read_split
 from graspmap.errors import FileFormatError, InvalidInputError, MissingFileError, UnknownNameError
 
 NAMES = ("train", "validation", "test")
@@ -188,7 +188,7 @@ def test_an_edited_split_is_refused(tmp_path, change, problem):
         read_split(edited(path, change))
 
 
-@pytest.mark.parametrize("content", ["", "{", "[]", "3", '"x"', "\0"])
+@pytest.mark.parametrize("content", ["", "{", "[]", "3", '"x"', "\0", "[" * 50000])
 def test_files_that_are_no_split(tmp_path, content):
     path = tmp_path / "split.json"
     path.write_text(content)
@@ -258,3 +258,13 @@ def test_real_objects_stay_together(data_dir):
     for a, b in itertools.pairwise(scenes.ids):
         if scenes.object_id(scenes.index(a)) == scenes.object_id(scenes.index(b)):
             assert part[a] == part[b]
+
+
+@pytest.mark.parametrize("ids", [[["a"]], [1, "a"], [{}, {}], [None]])
+def test_ids_that_are_no_text(tmp_path, ids):
+    path = tmp_path / "split.json"
+    content = {"format": "graspmap-split-1", "by": "image", "seed": 0, "source": "x"}
+    content["parts"] = {"test": ids}
+    path.write_text(json.dumps({**content, "hash": _digest(content)}))
+    with pytest.raises(FileFormatError, match="is no split"):
+        read_split(path)

@@ -7,6 +7,7 @@ import json
 import multiprocessing
 import os
 import pickle
+import shutil
 import signal
 import time
 from pathlib import Path
@@ -244,6 +245,25 @@ def test_full_disk_is_said_before_any_work(scenes, tmp_path, monkeypatch):
     assert not [path for path in (tmp_path / "cache").iterdir() if path.is_dir()]
 
 
+def test_full_disk_in_the_middle_of_an_array(scenes, tmp_path, monkeypatch):
+    def short(*_):
+        raise OSError("822 requested and 496 written")
+
+    monkeypatch.setattr(np, "save", short)
+    with pytest.raises(StorageFullError):
+        open_store(scenes, tmp_path / "cache", size=SIZE)
+    assert not list((tmp_path / "cache").glob("*.part-*"))
+
+
+def test_a_damaged_index_and_a_file_in_the_way_do_no_harm(scenes, tmp_path):
+    cache = tmp_path / "cache"
+    place = open_store(scenes, cache, size=SIZE).root
+    (cache / "files.json").write_text("[" * 50000)
+    shutil.rmtree(place)
+    place.touch()
+    assert open_store(scenes, cache, size=SIZE).root == place
+
+
 @pytest.mark.parametrize("place", ["file", "file/cache"])
 def test_folder_that_is_a_file(scenes, tmp_path, place):
     (tmp_path / "file").write_text("")
@@ -305,7 +325,10 @@ def test_without_locks_the_faster_builder_wins(scenes, tmp_path, monkeypatch):
     assert not list(cache.glob("*.part-*"))
 
 
-@pytest.mark.parametrize("damage", ["truncate", "remove", "description", "version"])
+@pytest.mark.parametrize(
+    "damage",
+    ["truncate", "remove", "description", "version", "ids", "scenes", "files", "header", "nested"],
+)
 def test_damaged_store_is_built_again(scenes, tmp_path, damage):
     cache = tmp_path / "cache"
     packed = open_store(scenes, cache, size=SIZE)
@@ -316,9 +339,15 @@ def test_damaged_store_is_built_again(scenes, tmp_path, damage):
         (packed.root / "grasps.npy").unlink()
     elif damage == "description":
         (packed.root / "store.json").write_text("{")
+    elif damage == "header":
+        size = (packed.root / "rgb.npy").stat().st_size
+        (packed.root / "rgb.npy").write_bytes(b"x" * size)
+    elif damage == "nested":
+        (packed.root / "store.json").write_text("[" * 50000)
     else:
         meta = json.loads((packed.root / "store.json").read_text())
-        (packed.root / "store.json").write_text(json.dumps(meta | {"version": 0}))
+        change = {"version": 0, "ids": ["a"], "scenes": None, "files": {}}[damage]
+        (packed.root / "store.json").write_text(json.dumps(meta | {damage: change}))
     with pytest.raises(FileError, match="delete the folder"):
         Store(packed.root)
     np.testing.assert_array_equal(open_store(scenes, cache, size=SIZE)[0].rgb, expected)

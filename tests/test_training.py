@@ -276,7 +276,7 @@ for kill_at in map(int, sys.argv[3:]):
 
 def test_a_killed_run_goes_on_to_the_same_bits(experiment, whole_run, tmp_path):
     """Killed in the first epoch, then in the second, then let go."""
-    experiment.write(tmp_path / "bars.yaml")
+    (tmp_path / "bars.yaml").write_text(experiment.to_yaml(), encoding="utf-8")
     out = tmp_path / "out"
     environment = {**os.environ, "PYTHONPATH": str(Path(graspmap.__file__).parents[1])}
     command = [sys.executable, "-c", KILLED, str(tmp_path / "bars.yaml"), str(out), "2", "4"]
@@ -383,6 +383,69 @@ def test_a_damaged_checkpoint_is_named(experiment, tmp_path):
     last = tmp_path / "checkpoints" / "last.ckpt"
     last.write_bytes(last.read_bytes()[:1000])
     with pytest.raises(FileFormatError, match=r"last\.ckpt: damaged"):
+        train(experiment, tmp_path)
+
+
+def test_a_damaged_best_checkpoint_is_found_before_the_work(experiment, tmp_path, monkeypatch):
+    train(change(experiment, training__epochs=0), tmp_path)
+    (tmp_path / "checkpoints" / "best.ckpt").write_bytes(b"x")
+    monkeypatch.setattr(run, "_fit", pytest.fail)
+    with pytest.raises(FileFormatError, match=r"best\.ckpt: damaged"):
+        train(experiment, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("run.json", b'{"store": '),
+        ("run.json", b"[]"),
+        ("run.json", b"\xff"),
+        ("run.json", b"[" * 50000),
+        ("metrics.jsonl", b"\xff\xfe"),
+        ("metrics.jsonl", b'{"epoch": 0, "unheard": 1}\n'),
+        ("metrics.jsonl", b"[" * 50000),
+    ],
+)
+def test_damaged_notes_of_a_run_are_named(experiment, tmp_path, name, content):
+    train(change(experiment, training__epochs=0), tmp_path)
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(FileFormatError, match=name):
+        train(experiment, tmp_path)
+
+
+def test_opencv_has_no_threads_where_workers_are_forked(experiment, tmp_path, monkeypatch):
+    """A worker would wait for ever for threads that its parent had."""
+
+    def look(*_):
+        raise InterruptedError(cv2.getNumThreads())
+
+    monkeypatch.setattr(run, "_fit", look)
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(3)
+    try:
+        for workers, threads in ((0, 3), (1, 1)):
+            values = {"training__workers": workers}
+            with pytest.raises(InterruptedError, match=str(threads)):
+                train(change(experiment, **values), tmp_path / str(workers))
+            assert cv2.getNumThreads() == 3
+    finally:
+        cv2.setNumThreads(before)
+
+
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        ("DataLoader worker (pid 7) is killed by signal: Killed. ", GraspmapError),
+        ("DataLoader worker (pid 7) is killed by signal: Terminated. ", KeyboardInterrupt),
+        ("anything else", RuntimeError),
+    ],
+)
+def test_workers_that_die(experiment, tmp_path, monkeypatch, said, expected):
+    def fit(*_, **__):
+        raise RuntimeError(said)
+
+    monkeypatch.setattr(run.Trainer, "fit", fit)
+    with pytest.raises(expected):
         train(experiment, tmp_path)
 
 

@@ -139,7 +139,17 @@ def test_any_card_survives_json(card):
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"bins": 0}, {"size": 0}, {"view": "fit"}, {"view": 0}, {"epochs": 3}, {"channels": "grey"}],
+    [
+        {"bins": 0},
+        {"size": 0},
+        {"view": "fit"},
+        {"view": 0},
+        {"epochs": 3},
+        {"channels": "grey"},
+        {"bins": 10**9},
+        {"size": 10**6},
+        {"view": 10**12},
+    ],
 )
 def test_wrong_cards(wrong):
     with pytest.raises(ValidationError):
@@ -444,7 +454,10 @@ def test_damaged_and_other_files(tmp_path, weights):
         import_weights("gg-cnn2", path)
 
 
-@pytest.mark.parametrize(("key", "value"), [("width_scale", 0), ("size", 0), ("view", "all")])
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("width_scale", 0), ("size", 0), ("size", 10**6), ("view", "all"), ("view", 10**9)],
+)
 def test_wrong_settings(tmp_path, key, value):
     torch.save(Published().state_dict(), tmp_path / "w.pt")
     with pytest.raises(InvalidInputError):
@@ -495,3 +508,37 @@ def test_whole_pickled_networks_and_programs_are_refused(tmp_path):
     assert "torch.nn.modules.container.Sequential" in refusal(path)
     torch.jit.save(torch.jit.script(nn.Sequential(nn.Conv2d(1, 1, 1))), path)
     assert "TorchScript" in refusal(path)
+
+
+def test_a_card_that_nests_without_end_is_damaged(tmp_path):
+    path = tmp_path / "w.safetensors"
+    safetensors.torch.save_file({"a": torch.zeros(1)}, path, {"graspmap": "[" * 50000})
+    with pytest.raises(WeightsError, match="card is damaged"):
+        load_weights(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: t.to(torch.float8_e4m3fn), "float8"),
+        (lambda t: t.to("meta"), "meta"),
+        (lambda t: t.flatten()[:1].expand(10**12), "4 bytes for 1000000000000 numbers"),
+        (lambda t: t.to_sparse(), "sparse"),
+    ],
+)
+def test_tensors_without_all_their_numbers_are_refused(tmp_path, change, words):
+    state = Published().state_dict()
+    name = next(iter(state))
+    torch.save({**state, name: change(state[name])}, tmp_path / "w.pt")
+    with pytest.raises(WeightsError, match=words):
+        import_weights("ggcnn2", tmp_path / "w.pt")
+
+
+def test_layers_without_channels_do_not_fit(tmp_path):
+    state = Published().state_dict()
+    first = next(iter(state))
+    heads = {name: torch.tensor(1.0) for name in state if "pos" in name}
+    for change in ({first: state[first][:, :0]}, heads):
+        torch.save({**state, **change}, tmp_path / "w.pt")
+        with pytest.raises(WeightsError, match="does not fit ggcnn2"):
+            import_weights("ggcnn2", tmp_path / "w.pt")

@@ -61,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         _drop_output()  # the reader went away (`graspmap ... | head`): nobody is left to tell
         return 141
-    except (OSError, MemoryError, RuntimeError) as error:
+    except (OSError, MemoryError, RuntimeError, UnicodeEncodeError) as error:
         text = _of_the_machine(error)
         if text is None:
             raise
@@ -73,6 +73,9 @@ def _of_the_machine(error: Exception) -> str | None:
     memory = "out of memory; use a smaller picture, a smaller batch or fewer workers"
     if isinstance(error, MemoryError):
         return memory
+    if isinstance(error, UnicodeEncodeError):
+        name = ascii(error.object)[:200]
+        return f"{name}: a name or text that is not UTF-8; rename it, or choose another"
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}; choose another file or folder"
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
