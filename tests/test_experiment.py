@@ -124,7 +124,7 @@ def test_a_wrong_key_names_the_nearest(file, text, key, nearest):
         ("network: {bins: 1.5}", "network.bins", "integer"),
         ("network: {bins: '3'}", "network.bins", "integer"),
         ("training: {epochs: -1}", "training.epochs", "0"),
-        ("training: {precision: 16}", "training.precision", "'32', 'bf16' or '16'"),
+        ("training: {precision: 8}", "training.precision", "'32', 'bf16' or '16'"),
         ("optimiser: {learning_rate: .nan}", "optimiser.learning_rate", "finite"),
         ("optimiser: {learning_rate: 0}", "optimiser.learning_rate", "greater than 0"),
         ("maps: {width_scale: wide}", "maps.width_scale", "'data'"),

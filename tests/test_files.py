@@ -144,3 +144,11 @@ def test_names_that_are_no_unicode_are_written_as_their_bytes(tmp_path):
 def test_any_refusal_to_write_is_named(tmp_path):
     with pytest.raises(FileError, match="cannot be written"):
         files.write_text(tmp_path / ("x" * 300), "y")
+
+
+@pytest.mark.parametrize("body", ["", "0000000049454e44ae426082"])
+def test_a_png_without_a_header(tmp_path, body):
+    path = tmp_path / "a.png"
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes.fromhex(body))
+    with pytest.raises(FileFormatError):
+        files.read_rgb(path)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from graspmap.data.scene import Rgb
 
 _SIGNATURE_BYTES = 8
+_HEADER_BYTES = _SIGNATURE_BYTES + 4 + 4 + 13 + 4
 _RGB_8_BIT = (8, 2, 0, 0, 0)
 """Bit depth, colour type, compression, filter method, interlacing of the kind decoded here."""
 _LARGEST = 1 << 30
@@ -36,6 +37,8 @@ def decode_rgb(content: bytes) -> Rgb | None:
         (H, W, 3) uint8, red first; None for any other kind, and for a damaged stream, about which
         the general decoder has the say.
     """
+    if not content.startswith(b"IHDR", _SIGNATURE_BYTES + 4) or len(content) < _HEADER_BYTES:
+        return None
     columns, rows, *kind = struct.unpack_from(">IIBBBBB", content, _SIGNATURE_BYTES + 8)
     scanline = 1 + 3 * columns
     if tuple(kind) != _RGB_8_BIT or not 0 < rows * scanline <= _LARGEST:
