@@ -26,7 +26,7 @@ Background = Literal["zero", "published"]
 """The value of cos 2a where there is no grasp: 0, or 1 as published."""
 
 LEAST_QUALITY: dict[str, float] = {"binary": 1.0, "soft": 0.9, "strong": 0.0}
-"""Least quality inside a region (thesis, section 5.2, with max instead of its printed min)."""
+"""Least quality inside a region (thesis, Eq. 5.3, with max for its printed inner min)."""
 
 LEAST_SIDE_PX = 1.5
 """Sides of a region shorter than this are drawn this long. Such a region always covers the pixel
@@ -81,7 +81,7 @@ def draw_maps(
         UnknownNameError: A choice is not one of the listed names.
 
     References:
-        Thesis, sections 3.2 and 5.2 (Eq. 5.1 to 5.4); the thesis's text garbles the soft form
+        Thesis, sections 5.1.1 and 5.1.2 (Eq. 5.1 to 5.4); the thesis's text garbles the soft form
         (min for max) and the published overlap rule (smallest width for greatest).
     """
     from graspmap.maps import _draw_kernel as kernel

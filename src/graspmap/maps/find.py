@@ -59,8 +59,8 @@ def find_grasps(
       centre is the middle of the plateau around the peak: the connected pixels with nearly the
       peak's quality and nearly its angle and width. Where the quality is a clean Gaussian, its
       vertex gives the centre. A plateau gives one grasp, however large it is. A grasp drawn by
-      `draw_maps` is found again to half a pixel along each axis; of regions thinner than 2 pixels
-      a few in a million leave so few pixels that it is up to 0.55.
+      `draw_maps` is found again to half a pixel along each axis; among regions with a side under
+      3 pixels about 2 in 10,000 cover so few pixels that these leave up to 0.55 open.
     - ``ggcnn``: as published with GG-CNN. All maps are smoothed; a peak is the greatest value
       in a square of 2 min_distance + 1 pixels and lies at least min_distance from the border.
       cos and sin are smoothed instead of the angle, which jumps at +-90 degrees.
@@ -91,7 +91,7 @@ def find_grasps(
         UnknownNameError: There is no such method.
 
     References:
-        Thesis, section 3.3 (Eq. 3.4, garbled: angle = atan2(sin 2a, cos 2a) / 2).
+        Thesis, Eq. 3.4 and 3.7 (garbled there: angle = atan2(sin 2a, cos 2a) / 2).
     """
     if method not in get_args(Method):
         raise UnknownNameError("method", str(method), get_args(Method))
