@@ -11,7 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from graspmap.data import appendix, cornell
 from graspmap.data.cornell import CornellScenes, read_labels
+from graspmap.data.fingerprint import FileHashes, scenes_key
 from graspmap.data.point_cloud import camera_depth, origin_distance, read_point_cloud
 from graspmap.errors import DatasetNotFoundError, FileFormatError, UnknownNameError
 from graspmap.geometry.grasps import Grasps, angle_difference
@@ -324,3 +326,18 @@ def test_real_labels(data_dir):
     scene = scenes[scenes.index("pcd0320")]
     assert scene.shape == (224, 224)
     assert scene.labels["specific"] == "mug"
+
+
+def test_a_corrected_table_of_classes_makes_another_store(tmp_path, monkeypatch):
+    cv2.imwrite(str(tmp_path / "pcd0100r.png"), np.zeros((4, 4, 3), np.uint8))
+
+    def key(**options):
+        hashes = FileHashes(tmp_path / "index.json")
+        return scenes_key(CornellScenes(tmp_path, **options), hashes, {})
+
+    before, unlabelled = key(), key(labels=False)
+    corrected = tmp_path / "labels.yaml"
+    corrected.write_bytes(appendix.LABELS_FILE.read_bytes() + b"# corrected\n")
+    monkeypatch.setattr(cornell, "LABELS_FILE", corrected)
+    assert key() != before
+    assert key(labels=False) == unlabelled

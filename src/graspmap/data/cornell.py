@@ -25,13 +25,14 @@ import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from hashlib import blake2b
 from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
 
 from graspmap.data import files
-from graspmap.data.appendix import cornell_labels, cornell_objects
+from graspmap.data.appendix import LABELS_FILE, cornell_labels, cornell_objects
 from graspmap.data.point_cloud import camera_depth, origin_distance, read_point_cloud
 from graspmap.data.scene import Depth, Scene, Scenes
 from graspmap.errors import (
@@ -103,6 +104,8 @@ class CornellScenes(Scenes):
             raise UnknownNameError("depth of cornell", str(depth), get_args(DepthKind))
         self.root = Path(root)
         self.depth, self.labels = depth, labels
+        # Part of what is read: a corrected table must make another packed store.
+        self._tables = blake2b(files.read_bytes(LABELS_FILE)).hexdigest() if labels else None
         found = _find(self.root)
         self.ids = tuple(sorted(found, key=lambda name: (int(name[3:]), name)))
         self._paths = [found[name] for name in self.ids]
