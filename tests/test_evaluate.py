@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from graspmap.data import read_predictions, read_scenes, write_predictions
 from graspmap.data.files import write_rgb
 from graspmap.data.scene import Scene, Scenes
 from graspmap.errors import InvalidInputError, UnknownNameError
@@ -19,8 +20,10 @@ from graspmap.evaluation import (
     center_grasp_baseline,
     evaluate_detector,
     evaluate_predictions,
+    to_predictions,
 )
 from graspmap.evaluation.baselines import median_angle
+from graspmap.generation import write_drawn
 from graspmap.geometry.affine import resize, rotation
 from graspmap.geometry.grasps import Grasps, angle_difference
 
@@ -380,6 +383,19 @@ def test_predictions_through_a_file_of_the_server_s_format(data_dir, tmp_path):
 
 
 # --- baselines --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["jacquard", "cornell"])
+def test_what_a_detector_said_goes_through_a_file(tmp_path, kind):
+    write_drawn(tmp_path / "scenes", 3, 0, size=96)
+    scenes = read_scenes(f"jacquard:{tmp_path / 'scenes'}")
+    scenes.kind = kind  # files of other kinds speak of the picture's own pixels
+    said = evaluate_detector(center_grasp_baseline(scenes), scenes)
+    write_predictions(tmp_path / "p.txt", to_predictions(said, scenes), size_px=1024)
+    read = evaluate_predictions(read_predictions(tmp_path / "p.txt"), scenes)
+    for mine, theirs in zip(said.results, read.results, strict=True):
+        np.testing.assert_allclose(mine.grasp.center, theirs.grasp.center, atol=0.01)
+        assert mine.iou == pytest.approx(theirs.iou, abs=0.01)
 
 
 def test_center_baseline_is_the_median_at_the_centre():

@@ -131,7 +131,9 @@ def _train_for(flags: Demo, source: str) -> WeightsCard:
     written = folder / "experiment.yaml"
     # A second call goes on with the epochs that the first one settled on.
     epochs = read_experiment(written).training.epochs if written.is_file() else 1
-    if epochs == 1:
+    if epochs > 1:
+        teller(flags.json)(f"going on with the {epochs} epochs that the first run settled on")
+    else:
         train(_experiment(source, 1, flags), folder, command="graspmap demo", progress=progress)
         rows = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
         epochs = max(_LEAST_EPOCHS, round(flags.seconds / max(rows[-1]["seconds"], 0.01)))

@@ -61,7 +61,7 @@ class Evaluate:
     device: Annotated[str, option("NAME", "default: cpu")] = "cpu"
     """Where the network runs: cpu, cuda, ..."""
     out: Annotated[Path | None, option("DIR")] = None
-    """Folder for evaluation.json and per_scene.csv."""
+    """Folder for evaluation.json, per_scene.csv and, of weights, predictions.txt."""
     json: Annotated[Path | None, option("F")] = None
     """Write the summary as JSON to this file, - for standard output."""
 
@@ -88,6 +88,8 @@ def run(argv: Sequence[str]) -> int:
     split, part = _split(flags, everything)
     scenes = everything if split is None else split.subset(everything, part)
     result = _measure(flags, detector, scenes, everything)
+    if flags.out is not None and detector is not None:
+        _write_predictions(flags.out / "predictions.txt", result, scenes)
     summary = result.to_dict() if flags.out is None else result.write(flags.out)
     _tell(flags, result)
     if flags.baseline:
@@ -136,6 +138,15 @@ def _measure(
             seed=flags.seed,
             progress=update,
         )
+
+
+def _write_predictions(path: Path, result: Evaluation, scenes: Scenes) -> None:
+    """What the detector said, in the format that ``--predictions`` and Jacquard's server take."""
+    from graspmap.data import write_predictions
+    from graspmap.data.jacquard import JACQUARD_SIDE_PX
+    from graspmap.evaluation import to_predictions
+
+    write_predictions(path, to_predictions(result, scenes), size_px=JACQUARD_SIDE_PX)
 
 
 def _split(flags: Evaluate, scenes: Scenes) -> tuple[Split | None, str]:

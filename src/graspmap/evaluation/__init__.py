@@ -5,6 +5,7 @@ from graspmap.evaluation.evaluate import (
     GraspDetector,
     evaluate_detector,
     evaluate_predictions,
+    to_predictions,
 )
 from graspmap.evaluation.results import Evaluation, SceneResult
 
@@ -16,4 +17,5 @@ __all__ = [
     "center_grasp_baseline",
     "evaluate_detector",
     "evaluate_predictions",
+    "to_predictions",
 ]

@@ -137,12 +137,33 @@ def evaluate_predictions(
     chosen = find_protocol(protocol)
 
     def predict(index: int) -> Grasps:
-        grasps = predictions.get(scenes.ids[index], Grasps.empty())
-        if scenes.kind == "jacquard" and len(grasps):
-            return _from_jacquard_frame(grasps[0], scenes, index)
-        return grasps
+        grasps = predictions.get(scenes.ids[index], Grasps.empty())[:1]
+        if not len(grasps):
+            return grasps
+        return grasps.transformed(resize(_file_frame_side(scenes, index) / JACQUARD_SIDE_PX))
 
     return _evaluate(predict, scenes, chosen, thresholds, confidence, cluster, jaw, seed, progress)
+
+
+def to_predictions(evaluation: Evaluation, scenes: Scenes) -> dict[str, Grasps]:
+    """The judged grasps as a predictions file holds them: what `evaluate_predictions` takes.
+
+    Args:
+        evaluation: Of a detector.
+        scenes: The scenes that it was measured on.
+
+    Returns:
+        Grasps by scene id; write them with ``write_predictions(..., size_px=1024)``.
+    """
+    positions = {name: index for index, name in enumerate(scenes.ids)}
+    predictions = {}
+    for result in evaluation.results:
+        side = _file_frame_side(scenes, positions[result.id])
+        grasp = result.grasp.transformed(resize(JACQUARD_SIDE_PX / side))
+        # The format has two decimals: a closed gripper can't be written, and it hits nothing.
+        if (grasp.width >= 0.01).any():
+            predictions[result.id] = grasp
+    return predictions
 
 
 def _evaluate(
@@ -224,16 +245,19 @@ def _check_ids(
     )
 
 
-def _from_jacquard_frame(grasps: Grasps, scenes: Scenes, index: int) -> Grasps:
-    """Grasps of Jacquard's 1024 px frame in pixels of the scene's own picture."""
+def _file_frame_side(scenes: Scenes, index: int) -> int:
+    """Side of a scene's picture whose pixels 1024 of a predictions file's frame stand for.
+
+    Jacquard's files always speak of 1024 px pictures; those of other kinds of the picture itself.
+    """
+    if scenes.kind != "jacquard":
+        return JACQUARD_SIDE_PX
     rows, columns = _picture_shape(scenes, index)
     if rows != columns:
         raise InvalidInputError(
             f"picture size of scene {scenes.ids[index]}", f"{columns} x {rows}", "a square"
         )
-    if rows == JACQUARD_SIDE_PX:
-        return grasps
-    return grasps.transformed(resize(rows / JACQUARD_SIDE_PX))
+    return rows
 
 
 def _picture_shape(scenes: Scenes, index: int) -> tuple[int, int]:
