@@ -114,7 +114,7 @@ def test_help_needs_no_library():
         (["detect", "--top", "x"], "--top"),
         (["detect", "--top"], "--top"),
         (["detect", "--rgb", "a.png"], "graspmap weights import"),
-        (["detect", "--weights", "w"], "both missing"),
+        (["detect", "--weights", "w"], "the picture is not given"),
         (["detect", "--region", "1,2,3"], "X,Y,W,H"),
         (["detect", "--region", "1,2,3,nan"], "X,Y,W,H"),
         (["detect", "--weights", "w", "--rgb", "a", "--overlay", "o.gif"], ".png"),

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import torch
 
+from graspmap.data import Split, read_scenes
+from graspmap.data.split import fingerprint
 from graspmap.generation import write_drawn
 from graspmap.inference import WeightsCard, save_weights
 from graspmap.networks import make_network
@@ -16,6 +18,9 @@ README = Path(__file__).parents[1] / "README.md"
 
 def test_the_ten_lines_run(tmp_path, monkeypatch, capsys):
     write_drawn(tmp_path / "demo" / "scenes", 2, 0, size=96)
+    scenes = read_scenes(f"jacquard:{tmp_path / 'demo' / 'scenes'}")
+    split = Split({"test": scenes.ids}, "object", 0, fingerprint(scenes))
+    split.write(tmp_path / "demo" / "run" / "split.json")
     card = WeightsCard(
         network="ggcnn2", channels="rgbd", bins=1, size=96, view="contain", width_scale_px=40.0
     )
@@ -26,7 +31,7 @@ def test_the_ten_lines_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (code,) = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
     exec(compile(code, "README.md", "exec"), {})
-    assert capsys.readouterr().out.count("opening") == 3
+    assert capsys.readouterr().out.count("frame, opening") >= 1
 
 
 def test_the_files_it_names_exist():

@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from graspmap.inference import Detection, Detector
 
 
+WEAK = 0.1
+"""Quality below which the words say that a grasp is hardly one."""
+
+
 @dataclass(frozen=True)
 class Detect:
     """Find grasps in one picture: where to put a parallel-jaw gripper, how to turn it, how wide.
@@ -33,6 +37,10 @@ class Detect:
     Example:
       graspmap detect --weights ggcnn2.safetensors --rgb scene.png --depth scene.tiff --top 3
       --overlay grasps.png --json grasps.json
+
+    The network was trained on objects that fill much of its view, on a table: where there is more
+    in the picture, say where to look:
+      graspmap detect --weights ggcnn2.safetensors --depth room.tiff --region 130,150,300,300
 
     Angles are radians, counter-clockwise on screen, along the opening; x, y, width and height are
     pixels of the picture. With --camera and --depth each grasp also has position_m (x right,
@@ -77,7 +85,7 @@ def run(argv: Sequence[str]) -> int:
             "demo, or from others' with graspmap weights import"
         )  # fmt: skip
     if flags.rgb is None and flags.depth is None:
-        raise InvalidInputError("--rgb and --depth", "both missing", "a picture, at least one")
+        raise InvalidInputError("the picture", "not given", "--rgb, --depth, or both")
     read = (flags.weights, flags.rgb, flags.depth, flags.mask, flags.camera)
     output_file(flags.overlay, "--overlay", PICTURE_SUFFIXES, keep=read)
     output_file(flags.json, "--json", keep=read)
@@ -193,7 +201,10 @@ def _report(flags: Detect, found: Detection) -> None:
         tell(
             f"{i + 1}. centre ({x:.1f}, {y:.1f}) px, {np.degrees(grasp.angle[0]):.1f} degrees, "
             f"opening {grasp.width[0]:.1f} px, quality {grasp.quality[0]:.2f}{metres}"
+            + (" (weak)" if grasp.quality[0] < WEAK else "")
         )
+    if flags.overlay is not None:
+        tell(f"overlay: {flags.overlay}")
 
 
 def _overlay(

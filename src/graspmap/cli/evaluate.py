@@ -30,7 +30,12 @@ class Evaluate:
       graspmap evaluate --data jacquard:DIR --predictions predictions.txt --out report
 
     A grasp is right when it overlaps a label of a similar angle (30 degrees) by more than the
-    threshold. A predictions file has two lines a scene: its id, then x;y;theta;opening;jaw.
+    threshold. A predictions file has two lines a scene: its id, then x;y;theta;opening;jaw with
+    theta in degrees clockwise. For jacquard they are pixels of the picture enlarged to 1024 px:
+    x = (x_px + 0.5) * 1024 / side - 0.5, opening = opening_px * 1024 / side; for other kinds,
+    pixels of the picture itself. --out writes such a file of what weights say:
+      0_1a9fa4c269cfcc1b738e43095496b061
+      470.15;253.90;68.26;25.50;12.80
     """
 
     data: Annotated[str, option("KIND:DIR", "needed")]

@@ -32,7 +32,7 @@ class Import:
     """
 
     network: Annotated[tyro.conf.Positional[str], option("NETWORK")]
-    """Which network it is: ggcnn or ggcnn2."""
+    """Which network it is: ggcnn, or ggcnn2 (with transposed layers, or bilinear as published)."""
     file: Annotated[tyro.conf.Positional[Path], option("FILE")]
     """The state dict: a .pt or .pth file of PyTorch, or a .safetensors file."""
     out: Annotated[tyro.conf.Positional[Path], option("OUT.safetensors")]

@@ -79,8 +79,8 @@ def draw_grasps(
     thin = max(1, round(min(picture.shape[:2]) / 400))
     for rank in range(len(grasps) - 1, -1, -1):
         _draw_one(picture, grasps[rank], thin, jaw, opening)
-        if ranks:
-            _draw_rank(picture, grasps[rank], rank + 1)
+    for rank in range(len(grasps) if ranks else 0):  # above all rectangles
+        _draw_rank(picture, grasps[rank], rank + 1)
     return picture
 
 
@@ -108,8 +108,12 @@ def _draw_one(picture: Picture, grasp: Grasps, thin: int, jaw: Color, opening: C
 def _draw_rank(picture: Picture, grasp: Grasps, rank: int) -> None:
     corners = grasp.corners()[0]
     right = corners[np.argmax(corners[:, 0])]
-    if np.abs(right).max() < _FAR:
-        write_text(picture, str(rank), (float(right[0]) + 5, float(right[1]) + 4), rim=True)
+    if np.abs(right).max() >= _FAR:
+        return
+    rows, columns = picture.shape[:2]
+    x = np.clip(right[0] + 5, 2, max(2, columns - text_width(str(rank)) - 2))
+    y = np.clip(right[1] + 4, 12, max(12, rows - 3))  # digits are 10 px high
+    write_text(picture, str(rank), (float(x), float(y)), rim=True)
 
 
 def _line(picture: Picture, a: NDArray[np.float64], b: NDArray[np.float64], color: Color,
