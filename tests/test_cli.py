@@ -390,6 +390,7 @@ def test_demo_end_to_end(capsys, monkeypatch, tmp_path):
     from graspmap.cli import demo
 
     monkeypatch.setattr(demo, "_SIDE", 64)
+    monkeypatch.setattr(demo, "_INPUT", 64)
     monkeypatch.setattr(demo, "_LEAST_EPOCHS", 2)
     words = ("demo", "--out", tmp_path / "d", "--seconds", 0.1, "--scenes", 50, "--json", "-")
     code, out, err = run(capsys, *words)
