@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspmap.data._input_kernel import normalise_depth, normalise_rgb
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.geometry import affine
 
@@ -272,8 +273,7 @@ def to_input(
     result = np.empty((count, *shape), np.float32)
     if channels != "rgb":
         warped = warp_depth(_need(depth, "depth", channels, np.float32, 2), m, shape)
-        np.subtract(warped, np.float32(cv2.mean(warped)[0]), out=result[0])
-        np.clip(result[0], -1, 1, out=result[0])
+        normalise_depth(warped, result[0])
     if channels != "depth":
         picture = _need(rgb, "rgb", channels, np.uint8, 3)
         if depth is not None and channels == "rgbd" and depth.shape != picture.shape[:2]:
@@ -281,11 +281,7 @@ def to_input(
                 "shape of the depth", depth.shape, f"{picture.shape[:2]}, as the colour picture"
             )
         warped = warp(picture, m, shape)
-        mean = np.float32(sum(cv2.mean(warped)[:3]) / (3 * 255))
-        # By plane: one large temporary costs more in page faults than all of the arithmetic.
-        for plane, out in zip(cv2.split(warped), result[count - 3 :], strict=True):
-            np.multiply(plane, np.float32(1 / 255), out=out)
-            out -= mean
+        normalise_rgb(warped, result[count - 3 :])
     return result
 
 
