@@ -13,6 +13,7 @@ import math
 import os
 import struct
 import tempfile
+import threading
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -28,6 +29,7 @@ from graspmap.data.scene import Depth, Mask, Rgb
 from graspmap.errors import FileError, FileFormatError, MissingFileError, storage_errors
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_DECODER = threading.Lock()
 _REPLACE = "replace it with a good copy"
 # No camera of a grasping set-up sees further; numbers above this are millimetres.
 _FARTHEST_M = 100.0
@@ -338,9 +340,11 @@ def _check_png(path: Path, content: bytes) -> None:
 @contextmanager
 def _quiet_decoder() -> Iterator[None]:
     # What OpenCV would print about a damaged file is said by our error, in one line.
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    try:
-        yield
-    finally:
-        cv2.utils.logging.setLogLevel(level)
+    # One thread at a time: the level belongs to the process, and must come back as it was.
+    with _DECODER:
+        level = cv2.utils.logging.getLogLevel()
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        try:
+            yield
+        finally:
+            cv2.utils.logging.setLogLevel(level)
