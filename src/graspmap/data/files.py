@@ -24,15 +24,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from graspmap.data.png import decode_rgb
+from graspmap.data.png import SIGNATURE, decode_rgb
 from graspmap.data.scene import Depth, Mask, Rgb
 from graspmap.errors import FileError, FileFormatError, MissingFileError, storage_errors
 
-_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _DECODER = threading.Lock()
 _REPLACE = "replace it with a good copy"
 # No camera of a grasping set-up sees further; numbers above this are millimetres.
-_FARTHEST_M = 100.0
+FARTHEST_M = 100.0
 
 
 def _umask() -> int:
@@ -113,7 +112,7 @@ def read_rgb(path: Path) -> Rgb:
         FileError: It may not be read.
     """
     content = _read_picture(path)
-    picture = decode_rgb(content) if content.startswith(_PNG_SIGNATURE) else None
+    picture = decode_rgb(content) if content.startswith(SIGNATURE) else None
     if picture is not None:
         return picture
     image = _decode(path, content)
@@ -181,7 +180,7 @@ def read_depth(path: Path) -> Depth:
         )
     depth_m = metres(image)
     typical = _median(depth_m)
-    if typical > _FARTHEST_M:
+    if typical > FARTHEST_M:
         raise FileFormatError(
             path,
             f"depth has a median of {typical:.6g}, which looks like millimetres",
@@ -303,7 +302,7 @@ def _write_image(path: Path, image: NDArray[Any], options: list[int] | None = No
 def _read_picture(path: Path) -> bytes:
     """The bytes of a picture file; those of a PNG are known to be whole."""
     content = read_bytes(path)
-    if content.startswith(_PNG_SIGNATURE):
+    if content.startswith(SIGNATURE):
         _check_png(path, content)
     return content
 
@@ -322,7 +321,7 @@ def _decode(path: Path, content: bytes) -> NDArray[Any]:
 def _check_png(path: Path, content: bytes) -> None:
     # The decoder prints to standard error, and some versions hand out the upper half of a
     # truncated picture; a walk over the checksums costs under a millisecond.
-    position = len(_PNG_SIGNATURE)
+    position = len(SIGNATURE)
     while position + 12 <= len(content):
         (length,) = struct.unpack_from(">I", content, position)
         end = position + 12 + length

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspmap.data._input_kernel import normalise_depth, normalise_rgb
+from graspmap.data.files import FARTHEST_M, metres
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.geometry import affine
 
@@ -29,7 +30,6 @@ Depth = NDArray[np.float32]
 Image = TypeVar("Image", bound=NDArray[Any])
 
 _COUNT: dict[str, int] = {"depth": 1, "rgb": 3, "rgbd": 4}
-_MOST_METERS = 100.0  # no depth camera sees further; larger medians are millimetres
 _MOST_HOLES = 40_000  # pixels filled at full resolution: about 10 ms
 
 
@@ -67,15 +67,14 @@ def check_depth_m(depth: ArrayLike, where: str) -> Depth:
             found.dtype,
             "floating-point metres (or 16-bit millimetres divided by 1000)",
         )
-    depth_m = np.array(found, dtype=np.float32)
-    depth_m[~(np.isfinite(depth_m) & (depth_m > 0))] = np.nan
+    depth_m = metres(found)
     valid = depth_m[~np.isnan(depth_m)]
     if not len(valid):
         raise InvalidInputError(
             f"depth in {where}", "without a single measurement", "metres above 0 somewhere"
         )
     median = float(np.median(valid))
-    if median > _MOST_METERS:
+    if median > FARTHEST_M:
         raise InvalidInputError(
             f"depth in {where}",
             f"{median:.0f} in the median, which looks like millimetres",

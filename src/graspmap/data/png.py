@@ -11,6 +11,7 @@ References:
 from __future__ import annotations
 
 import struct
+from pathlib import Path
 
 import numba
 import numpy as np
@@ -19,12 +20,23 @@ from numpy.typing import NDArray
 
 from graspmap.data.scene import Rgb
 
-_SIGNATURE_BYTES = 8
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_SIGNATURE_BYTES = len(SIGNATURE)
 _HEADER_BYTES = _SIGNATURE_BYTES + 4 + 4 + 13 + 4
 _RGB_8_BIT = (8, 2, 0, 0, 0)
 """Bit depth, colour type, compression, filter method, interlacing of the kind decoded here."""
 _LARGEST = 1 << 30
 """Bytes of a picture above which the header is not believed."""
+
+
+def png_shape(path: Path) -> tuple[int, int] | None:
+    """(rows, columns) of a PNG from its first bytes, without decoding it; None if it is none."""
+    with path.open("rb") as file:
+        start = file.read(24)
+    if len(start) < 24 or start[:8] != SIGNATURE or start[12:16] != b"IHDR":
+        return None
+    columns, rows = struct.unpack(">II", start[16:])
+    return int(rows), int(columns)
 
 
 def decode_rgb(content: bytes) -> Rgb | None:

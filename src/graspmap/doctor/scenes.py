@@ -5,7 +5,6 @@ All label files are read; of the pictures at most `MOST_PICTURES` scenes, evenly
 
 from __future__ import annotations
 
-import struct
 from collections import Counter
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from graspmap.data import files
 from graspmap.data.cornell import CornellScenes, read_labels
 from graspmap.data.jacquard import JacquardScenes
 from graspmap.data.kinds import read_scenes
+from graspmap.data.png import png_shape
 from graspmap.data.scene import Scene, Scenes
 from graspmap.doctor.axes import READINGS, AxisVotes
 from graspmap.doctor.labels import LabelCount, explain_line
@@ -88,7 +88,7 @@ class _Look:
             self._blame(index, error)
             return
         self._dropped(index)
-        shape = scene.shape if scene is not None else _png_shape(_all_files(self.scenes, index)[0])
+        shape = scene.shape if scene is not None else png_shape(_all_files(self.scenes, index)[0])
         self.labels.add(grasps, shape)
         self.openable["labels"] += grasps is not None and len(grasps) > 0
         if scene is not None:
@@ -371,16 +371,6 @@ def _all_files(scenes: Scenes, index: int) -> tuple[Path, ...]:
 def _path_of(scenes: Scenes, index: int, part: str) -> Path:
     ends = {"depth": ("depth", "perfect depth", "point cloud"), "mask": ("mask",)}[part]
     return next((p for p in scenes.files(index) if _part(p.name) in ends), scenes.root)
-
-
-def _png_shape(path: Path) -> tuple[int, int] | None:
-    """(rows, columns) from the first bytes of a PNG; None where it is none."""
-    with path.open("rb") as file:
-        head = file.read(24)
-    if head[12:16] != b"IHDR":
-        return None
-    columns, rows = struct.unpack(">II", head[16:])
-    return int(rows), int(columns)
 
 
 def _probe(path: Path) -> None:

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import difflib
 import logging
-import struct
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Literal, Protocol
 
 import numpy as np
 
 from graspmap.data.jacquard import JACQUARD_SIDE_PX
+from graspmap.data.png import png_shape
 from graspmap.data.scene import Depth, Rgb, Scenes
 from graspmap.errors import InvalidInputError
 from graspmap.evaluation.results import Evaluation, SceneResult
@@ -267,9 +267,7 @@ def _picture_shape(scenes: Scenes, index: int) -> tuple[int, int]:
     """
     for path in scenes.files(index):
         if path.suffix.lower() == ".png" and path.is_file():
-            with path.open("rb") as file:
-                start = file.read(24)
-            if start[:8] == b"\x89PNG\r\n\x1a\n" and start[12:16] == b"IHDR":
-                columns, rows = struct.unpack(">II", start[16:])
-                return rows, columns
+            shape = png_shape(path)
+            if shape is not None:
+                return shape
     return scenes.read(index).shape
