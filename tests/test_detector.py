@@ -11,6 +11,7 @@ import torch
 
 from graspmap import Camera, Detector, GraspMaps, Grasps, draw_maps
 from graspmap.errors import InvalidInputError, UnknownNameError
+from graspmap.gripper import load_gripper
 from graspmap.inference import WeightsCard, import_weights, save_weights
 from graspmap.inference.detector import locate
 from graspmap.networks import GraspNetwork, make_network
@@ -55,6 +56,26 @@ def test_grasps_come_back_in_pixels_of_the_picture():
     assert found.grasps.angle[0] == pytest.approx(0.5, abs=math.radians(1))
     assert found.grasps.width[0] == pytest.approx(20 * scale, abs=scale)
     assert found.position_m is None
+
+
+def test_a_gripper_leaves_out_what_it_cannot_open_for():
+    gripper = load_gripper("franka")  # opens 8 cm
+    camera = Camera(fx=400.0, fy=400.0, cx=159.5, cy=99.5, width=320, height=200)
+    depth = np.full((200, 320), 0.8, np.float32)  # 1 px of the input is 6.7 mm on the table
+    detector = detector_of((20.0, 48.0, 0.5, 20.0), (70.0, 48.0, -0.3, 9.0))
+    free = detector.detect(depth=depth, camera=camera, top=2)
+    assert sorted((free.width_m > gripper.max_opening_m).tolist()) == [False, True]
+    found = detector.detect(depth=depth, camera=camera, gripper=gripper, top=2)
+    assert len(found.grasps) == len(found.position_m) == len(found.width_m) == 1
+    assert found.grasps.angle[0] == pytest.approx(-0.3, abs=math.radians(1))
+    jaws_px = np.array(gripper.jaw_sizes_m) * camera.fx / 0.8
+    assert np.abs(jaws_px - found.grasps.height[0]).min() < 1e-3
+
+
+def test_a_gripper_needs_metres():
+    gripper = load_gripper("franka")
+    with pytest.raises(InvalidInputError, match="camera is missing"):
+        detector_of((40.0, 50.0, 0.5, 20.0)).detect(depth=table(), gripper=gripper)
 
 
 def test_top_and_order():

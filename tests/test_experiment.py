@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from graspmap.config import COMMAND_LINE
 from graspmap.errors import ConfigError, FileFormatError, MissingFileError
 from graspmap.training import Experiment, parse_overrides, read_experiment
-from graspmap.training.experiment_file import COMMAND_LINE
 
 SHIPPED = sorted((Path(__file__).parents[1] / "experiments").glob("*.yaml"))
 

@@ -1,16 +1,21 @@
-"""Single pictures and the errors of the lowest level."""
+"""Whole files, single pictures, and the errors of the lowest level."""
 
 from __future__ import annotations
 
+import errno
 import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from graspmap.data import files
-from graspmap.errors import FileError, FileFormatError, MissingFileError
+from graspmap import files
+from graspmap.data import files as pictures
+from graspmap.errors import FileError, FileFormatError, MissingFileError, StorageFullError
 
 
 def save(path, image):
@@ -21,13 +26,13 @@ def save(path, image):
 def test_colour_of_all_layouts(tmp_path):
     bgr = np.random.default_rng(0).integers(0, 256, (5, 7, 3), dtype=np.uint8)
     rgb = bgr[:, :, ::-1]
-    np.testing.assert_array_equal(files.read_rgb(save(tmp_path / "a.png", bgr)), rgb)
+    np.testing.assert_array_equal(pictures.read_rgb(save(tmp_path / "a.png", bgr)), rgb)
     clear = np.dstack([bgr, np.zeros((5, 7), np.uint8)])
-    np.testing.assert_array_equal(files.read_rgb(save(tmp_path / "b.png", clear)), rgb)
-    grey = files.read_rgb(save(tmp_path / "c.png", bgr[:, :, 0]))
+    np.testing.assert_array_equal(pictures.read_rgb(save(tmp_path / "b.png", clear)), rgb)
+    grey = pictures.read_rgb(save(tmp_path / "c.png", bgr[:, :, 0]))
     np.testing.assert_array_equal(grey, np.repeat(bgr[:, :, :1], 3, axis=2))
-    files.write_rgb(tmp_path / "new" / "d.png", rgb)
-    np.testing.assert_array_equal(files.read_rgb(tmp_path / "new" / "d.png"), rgb)
+    pictures.write_rgb(tmp_path / "new" / "d.png", rgb)
+    np.testing.assert_array_equal(pictures.read_rgb(tmp_path / "new" / "d.png"), rgb)
 
 
 @pytest.mark.parametrize("levels", [(0, 255), (0, 1), (0, 0), (255, 255)])
@@ -35,9 +40,9 @@ def test_masks_of_all_levels(tmp_path, levels):
     plane = np.full((4, 6), levels[0], np.uint8)
     plane[1:3, 2:4] = levels[1]
     expected = plane > 0
-    np.testing.assert_array_equal(files.read_mask(save(tmp_path / "a.png", plane)), expected)
+    np.testing.assert_array_equal(pictures.read_mask(save(tmp_path / "a.png", plane)), expected)
     colour = np.repeat(plane[:, :, None], 3, axis=2)
-    np.testing.assert_array_equal(files.read_mask(save(tmp_path / "b.png", colour)), expected)
+    np.testing.assert_array_equal(pictures.read_mask(save(tmp_path / "b.png", colour)), expected)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -47,35 +52,35 @@ def test_depth_of_all_formats(tmp_path, dtype):
     np.save(tmp_path / "a.npy", depth.astype(dtype))
     save(tmp_path / "b.tiff", depth.astype(dtype))
     for name in ("a.npy", "b.tiff"):
-        read = files.read_depth(tmp_path / name)
+        read = pictures.read_depth(tmp_path / name)
         assert read.dtype == np.float32
         np.testing.assert_array_equal(read, expected)
     millimetres = np.array([[1500, 0, 0], [0, 0, 2250]], np.uint16)
     for name in ("c.png", "d.tiff"):
         np.testing.assert_array_equal(
-            files.read_depth(save(tmp_path / name, millimetres)), expected
+            pictures.read_depth(save(tmp_path / name, millimetres)), expected
         )
 
 
 def test_depth_that_is_none(tmp_path):
     colour = np.zeros((4, 4, 3), np.uint8)
     with pytest.raises(FileFormatError, match="one channel"):
-        files.read_depth(save(tmp_path / "a.png", colour))
+        pictures.read_depth(save(tmp_path / "a.png", colour))
     with pytest.raises(FileFormatError, match="uint8"):
-        files.read_depth(save(tmp_path / "b.png", colour[:, :, 0]))
+        pictures.read_depth(save(tmp_path / "b.png", colour[:, :, 0]))
     # Millimetres are found although most of the picture, and every sampled pixel, is a hole.
     sparse = np.zeros((400, 400), np.float32)
     sparse[1, 1] = 1500
     with pytest.raises(FileFormatError, match="looks like millimetres"):
-        files.read_depth(save(tmp_path / "c.tiff", sparse))
+        pictures.read_depth(save(tmp_path / "c.tiff", sparse))
     (tmp_path / "d.npy").write_bytes(b"\x93NUMPY no")
     with pytest.raises(FileFormatError, match="no array"):
-        files.read_depth(tmp_path / "d.npy")
+        pictures.read_depth(tmp_path / "d.npy")
     np.save(tmp_path / "e.npy", np.array([{"code": 1}], dtype=object))
     with pytest.raises(FileFormatError, match="no array"):
-        files.read_depth(tmp_path / "e.npy")
+        pictures.read_depth(tmp_path / "e.npy")
     with pytest.raises(MissingFileError):
-        files.read_depth(tmp_path / "f.npy")
+        pictures.read_depth(tmp_path / "f.npy")
 
 
 def test_paths_that_are_no_file(tmp_path):
@@ -88,6 +93,19 @@ def test_paths_that_are_no_file(tmp_path):
         files.read_bytes(tmp_path / "empty")
     with pytest.raises(FileError, match="Not a directory"):
         files.read_bytes(tmp_path / "empty" / "file")
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfea", b"a\0b"])
+def test_what_is_no_text(tmp_path, content):
+    (tmp_path / "a").write_bytes(content)
+    with pytest.raises(FileFormatError, match="is no text"):
+        files.read_text(tmp_path / "a")
+
+
+def test_an_empty_text_is_a_text(tmp_path):
+    (tmp_path / "a").touch()
+    assert files.read_text(tmp_path / "a") == ""
+    assert files.read_lines(tmp_path / "a") == []
 
 
 def test_lines_of_all_endings(tmp_path):
@@ -110,6 +128,51 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
     assert [file.name for file in tmp_path.iterdir()] == ["a.txt"]
 
 
+@pytest.mark.parametrize("call", ["fsync", "fdopen"])
+def test_a_full_disk_is_named_and_leaves_the_old_file(tmp_path, monkeypatch, call):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    path = tmp_path / "a.txt"
+    files.write_text(path, "old")
+    monkeypatch.setattr(files.os, call, full)
+    with pytest.raises(StorageFullError):
+        files.write_text(path, "new", durable=True)
+    assert [p.read_text() for p in tmp_path.iterdir()] == ["old"]
+
+
+def test_a_durable_file_is_synced_before_it_gets_its_name(tmp_path, monkeypatch):
+    calls = []
+    monkeypatch.setattr(files.os, "fsync", lambda _: calls.append("sync"))
+    replace = Path.replace
+    monkeypatch.setattr(
+        files.Path, "replace", lambda *paths: (calls.append("rename"), replace(*paths))
+    )
+    files.write_bytes(tmp_path / "a", b"1")
+    files.write_bytes(tmp_path / "b", b"2", durable=True)
+    assert calls == ["rename", "sync", "rename"]
+    assert (tmp_path / "b").read_bytes() == b"2"
+
+
+def test_what_a_killed_writer_left_can_be_removed(tmp_path):
+    left = subprocess.Popen([sys.executable, "-c", KILLED_WHILE_WRITING, str(tmp_path / "a")])
+    assert left.wait(30) == -signal.SIGKILL
+    assert len(list(tmp_path.iterdir())) == 1
+    assert not (tmp_path / "a").exists()
+    (tmp_path / "mine.part").touch()
+    files.remove_parts(tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == ["mine.part"]
+
+
+KILLED_WHILE_WRITING = """
+import os, signal, sys
+from pathlib import Path
+from graspmap import files
+os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)
+files.write_bytes(Path(sys.argv[1]), b"content", durable=True)
+"""
+
+
 def test_new_files_have_the_usual_permissions(tmp_path):
     (tmp_path / "plain").touch()
     files.write_text(tmp_path / "ours", "x")
@@ -119,7 +182,7 @@ def test_new_files_have_the_usual_permissions(tmp_path):
 
 def test_an_unknown_ending(tmp_path):
     with pytest.raises(FileFormatError, match="no format"):
-        files.write_mask(tmp_path / "mask.xyz", np.ones((2, 2), bool))
+        pictures.write_mask(tmp_path / "mask.xyz", np.ones((2, 2), bool))
     assert not list(tmp_path.iterdir())
 
 
@@ -151,4 +214,4 @@ def test_a_png_without_a_header(tmp_path, body):
     path = tmp_path / "a.png"
     path.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes.fromhex(body))
     with pytest.raises(FileFormatError):
-        files.read_rgb(path)
+        pictures.read_rgb(path)

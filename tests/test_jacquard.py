@@ -12,11 +12,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from graspmap.data import files
+from graspmap import files
 from graspmap.data.jacquard import (
     JacquardScenes,
     format_grasps,
     jacquard_camera,
+    jacquard_pose,
     read_grasps,
     smallest_jaws,
     write_jacquard,
@@ -33,6 +34,7 @@ from graspmap.errors import (
 )
 from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps, angle_difference
+from graspmap.geometry.transforms import RigidTransform
 
 LINES = "10.5;20.25;68.2615;25.5;25.62\r\n10.5;20.25;68.2615;25.5;12.81\r\n30;40;-6.5;27.0;13\r\n"
 SIDE = 48
@@ -74,6 +76,7 @@ def random_scene(seed, side=SIDE, **changes):
             rng.uniform(0.1, 40, n),
         ),
         "camera": jacquard_camera(side, side),
+        "T_world_camera": jacquard_pose(),
         "object_id": "cup",
     }
     return Scene(**{**values, **changes})
@@ -81,6 +84,7 @@ def random_scene(seed, side=SIDE, **changes):
 
 def assert_same(a: Scene, b: Scene):
     assert (a.id, a.object_id, a.camera) == (b.id, b.object_id, b.camera)
+    assert a.T_world_camera == b.T_world_camera
     for name in ("rgb", "depth", "mask"):
         x, y = getattr(a, name), getattr(b, name)
         assert (x is None) == (y is None)
@@ -306,6 +310,58 @@ def test_a_camera_of_its_own_is_kept(tmp_path):
     wide.write(tmp_path / "cup" / "4_cup_camera.json")
     with pytest.raises(FileFormatError, match="49 x 48"):
         JacquardScenes(tmp_path)[0]
+
+
+@pytest.mark.parametrize(
+    "camera", [jacquard_camera(SIDE, SIDE), Camera(60, 61, 20, 22.5, SIDE, SIDE)]
+)
+def test_a_pose_of_its_own_is_kept(tmp_path, camera):
+    pose = RigidTransform.from_quaternion([0.9, 0.1, -0.3, 0.3], [0.1, 0.2, 0.8])
+    for i, own in enumerate((pose, None, jacquard_pose())):
+        scene = random_scene(i, camera=camera, T_world_camera=own)
+        write_jacquard(scene, tmp_path)
+        assert JacquardScenes(tmp_path)[i].T_world_camera == own
+        written = (tmp_path / "cup" / f"{i}_cup_camera.json").exists()
+        assert written == (i < 2 or camera != jacquard_camera(SIDE, SIDE))
+
+
+@pytest.mark.parametrize("matrix", ["[[1, 2], [3, 4]]", "7", '"none"', "[1, 2, 3]", "{}"])
+def test_a_damaged_pose_is_named(tmp_path, matrix):
+    write_jacquard(random_scene(0, T_world_camera=None), tmp_path)
+    path = tmp_path / "cup" / "0_cup_camera.json"
+    path.write_text(path.read_text().replace("{", f'{{"T_world_camera": {matrix},', 1))
+    with pytest.raises(FileFormatError, match="T_world_camera") as caught:
+        JacquardScenes(tmp_path)[0]
+    assert caught.value.path == path
+
+
+def test_pose_of_the_originals():
+    pose = jacquard_pose()
+    # The picture's middle shows the world's origin, its right half the positive x, its upper y.
+    np.testing.assert_allclose(pose.apply([0, 0, 1.5]), 0, atol=1e-15)
+    camera = jacquard_camera(1024, 1024)
+    to_camera = pose.inverse()
+    right, up, above = camera.project(to_camera.apply([[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]))
+    assert right[0] > camera.cx
+    assert right[1] == pytest.approx(camera.cy)
+    assert up[0] == pytest.approx(camera.cx)
+    assert up[1] < camera.cy
+    # The camera leans towards the lower edge of the picture: what stands up, leans to the upper.
+    assert above[1] < camera.cy
+    assert pose.translation[2] == pytest.approx(1.4772, abs=1e-4)
+
+
+def test_table_of_the_originals_is_the_plane_z_0(data_dir):
+    """The published depth of bare table against the pose, to the steps it is written in."""
+    for index in (0, 5, 8, 13, 18):
+        scene = JacquardScenes(data_dir / "jacquard")[index]
+        near = cv2.dilate(scene.mask.astype(np.uint8), np.ones((9, 9))) > 0
+        rows, columns = np.nonzero(~near)
+        pixels = np.column_stack([columns, rows])[::97].astype(float)
+        points = scene.camera.deproject(pixels, scene.depth[rows, columns][::97])
+        heights = scene.T_world_camera.apply(points)[:, 2]
+        assert np.abs(heights).max() < 3e-4
+        assert abs(heights.mean()) < 1e-4
 
 
 def test_camera_of_the_originals():

@@ -17,6 +17,7 @@ import pytest
 
 from graspmap.data import images, store
 from graspmap.data.fingerprint import FileHashes, scenes_key
+from graspmap.data.jacquard import jacquard_pose
 from graspmap.data.scene import Scene, Scenes
 from graspmap.data.store import Store, open_store
 from graspmap.errors import FileError, InvalidInputError, MissingFileError, StorageFullError
@@ -48,6 +49,7 @@ class FakeScenes(Scenes):
             grasps=self.read_grasps(index),
             negatives=random_grasps(rng, 2) if index == 0 else None,
             camera=None if index == 3 else Camera(50.0, 50.0, 29.5, 19.5, 60, 40),
+            T_world_camera=None if index == 2 else jacquard_pose(),
             object_id=self.object_id(index),
             labels={"specific": f"thing {index}"},
         )
@@ -120,6 +122,7 @@ def test_what_goes_in_comes_out(scenes, tmp_path):
             assert scene.camera is None
         else:
             assert scene.camera == source.camera.transformed(matrix, SIZE, SIZE)
+        assert scene.T_world_camera == source.T_world_camera
         assert not scene.rgb.flags.writeable
     assert packed.subset(["s3"])[0].id == "s3"
 

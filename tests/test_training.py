@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import errno
 import json
 import os
 import subprocess
@@ -159,7 +158,7 @@ def test_a_run_leaves_weights_card_metrics_and_split(experiment, whole_run):
     assert [int(r["epoch"]) for r in table] == [r["epoch"] for r in rows(out)] == [0, 1, 2, 3]
     assert [r["step"] for r in rows(out)] == [0, 3, 6, 9]
     assert list((out / "tensorboard").glob("events*"))
-    assert not list(out.rglob("*.part-*"))
+    assert not list(out.rglob("*.part"))
 
 
 def wide_scene(object_id: int) -> Scene:
@@ -298,24 +297,27 @@ def test_a_run_cut_at_any_write_goes_on_to_the_same_bits(
 ):
     """The writes of a run are rows, best and last states: fail at every second one in turn."""
     writes = 0
-    original = callbacks.replace_file
 
-    def fail(path, content):
-        nonlocal writes
-        writes += path.suffix != ".csv"
-        if writes == crash:
-            path.with_name(f".{path.name}.part-1").write_bytes(b"half a file")
-            raise StorageFullError(path, "the disk is full", "free some space")
-        original(path, content)
+    def failing(write):
+        def fail(path, content, **options):
+            nonlocal writes
+            writes += path.suffix != ".csv"
+            if writes == crash:
+                path.with_name(f".{path.name}.1.part").write_bytes(b"half a file")
+                raise StorageFullError(path, "the disk is full", "free some space")
+            write(path, content, **options)
+
+        return fail
 
     short = change(experiment, training__checkpoint_minutes=60)
-    monkeypatch.setattr(callbacks, "replace_file", fail)
-    with pytest.raises(StorageFullError):
-        train(short, tmp_path)
-    monkeypatch.setattr(callbacks, "replace_file", original)
+    with monkeypatch.context() as patch:
+        for name in ("write_bytes", "write_text"):
+            patch.setattr(callbacks, name, failing(getattr(callbacks, name)))
+        with pytest.raises(StorageFullError):
+            train(short, tmp_path)
     train(short, tmp_path)
     assert_same_run(tmp_path, whole_run[0])
-    assert not list(tmp_path.rglob("*.part-*"))
+    assert not list(tmp_path.rglob("*.part"))
 
 
 def test_ctrl_c_gets_through_and_keeps_the_state(experiment, whole_run, tmp_path):
@@ -360,9 +362,9 @@ def test_results_without_an_experiment_are_not_overwritten(experiment, tmp_path)
 
 
 def test_two_runs_in_one_folder_are_refused(experiment, tmp_path):
-    from graspmap.training.setup import locked
+    from graspmap.files import locked
 
-    with locked(tmp_path), pytest.raises(FileError, match="another training"):
+    with locked(tmp_path, "training"), pytest.raises(FileError, match="another training"):
         train(experiment, tmp_path)
 
 
@@ -495,16 +497,6 @@ def test_a_loss_that_is_no_number_ends_the_run_with_a_remedy(experiment, tmp_pat
     with pytest.raises(GraspmapError, match=r"lower --optimiser\.learning_rate"):
         train(hot, tmp_path)
     assert [row["epoch"] for row in rows(tmp_path)] == [0]
-
-
-def test_a_full_disk_is_named(tmp_path):
-    def full(file):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    (tmp_path / "x").write_bytes(b"old")
-    with pytest.raises(StorageFullError):
-        callbacks.replace_file(tmp_path / "x", full)
-    assert [p.read_bytes() for p in tmp_path.iterdir()] == [b"old"]
 
 
 # Order, samples, state.

@@ -14,7 +14,7 @@ __version__ = "0.1.0.dev0"
 if TYPE_CHECKING:
     from graspmap.data import Scene, Scenes, read_scenes
     from graspmap.errors import GraspmapError
-    from graspmap.geometry import Camera, Grasps, RigidTransform, pairwise_iou
+    from graspmap.geometry import Camera, Grasps, RigidTransform, TableGrasps, pairwise_iou
     from graspmap.inference import Detection, Detector
     from graspmap.maps import GraspMaps, draw_maps, find_grasps
 
@@ -28,6 +28,7 @@ __all__ = [
     "RigidTransform",
     "Scene",
     "Scenes",
+    "TableGrasps",
     "draw_maps",
     "find_grasps",
     "pairwise_iou",
@@ -44,6 +45,7 @@ _HOME = {
     "RigidTransform": "geometry",
     "Scene": "data",
     "Scenes": "data",
+    "TableGrasps": "geometry",
     "draw_maps": "maps",
     "find_grasps": "maps",
     "pairwise_iou": "geometry",

@@ -17,6 +17,16 @@ from typing import Any
 class GraspmapError(Exception):
     """Base of all errors that graspmap raises on purpose."""
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Exception would call the class with the finished text; errors come out of workers whole.
+        return _rebuilt, (type(self), self.args), self.__dict__
+
+
+def _rebuilt(kind: type[GraspmapError], args: tuple[Any, ...]) -> GraspmapError:
+    error = kind.__new__(kind)
+    error.args = args
+    return error
+
 
 class GraspmapWarning(UserWarning):
     """Base of the warnings of graspmap: the work went on, but the user should look."""
@@ -83,7 +93,7 @@ class WeightsError(FileFormatError):
 
 
 class ConfigError(FileFormatError):
-    """An experiment file or a flag has a wrong key or value.
+    """A file of settings (an experiment, a gripper) or a flag has a wrong key or value.
 
     Attributes:
         key: Dotted key, for example ``"training.epochs"``.

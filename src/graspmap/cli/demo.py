@@ -217,7 +217,7 @@ def _picture(detector: Detector, test: Scenes, result: Evaluation, title: str) -
 
 def _write_page(out: Path, words: Sequence[str]) -> None:
     """A page that needs nothing but itself."""
-    from graspmap.data.files import write_text
+    from graspmap.files import write_text
 
     image = base64.b64encode((out / "demo.png").read_bytes()).decode()
     folder = html.escape(str(out))

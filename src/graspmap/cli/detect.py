@@ -59,6 +59,9 @@ class Detect:
     """Mask picture: grasps are centred where it is not 0."""
     camera: Annotated[Path | None, option("F")] = None
     """Camera file (JSON or YAML: fx, fy, cx, cy, width, height, or a ROS camera_info)."""
+    gripper: Annotated[str | None, option("G", "default: any width")] = None
+    """Leave out grasps that this gripper cannot open for: a profile (`graspmap gripper list`) or a
+    YAML file; needs --camera and --depth."""
     top: Annotated[int, option("K", "default: 1")] = 1
     """How many grasps at most."""
     method: Annotated[Literal["refined", "ggcnn", "orange"], option("NAME", "default: refined")] = (
@@ -90,8 +93,10 @@ def run(argv: Sequence[str]) -> int:
     output_file(flags.overlay, "--overlay", PICTURE_SUFFIXES, keep=read)
     output_file(flags.json, "--json", keep=read)
     from graspmap.geometry import Camera
+    from graspmap.gripper import load_gripper
     from graspmap.inference import Detector
 
+    gripper = None if flags.gripper is None else load_gripper(flags.gripper)
     rgb, depth, mask = _pictures(flags)
     camera = None if flags.camera is None else Camera.read(flags.camera)
     image = rgb if rgb is not None else depth
@@ -110,6 +115,7 @@ def run(argv: Sequence[str]) -> int:
         rgb,
         depth,
         camera=camera,
+        gripper=gripper,
         top=flags.top,
         region=region,
         mask=mask,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,15 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from graspmap.cli.frame import option, output_file, output_folder, parse, teller, write_json
 from graspmap.cli.progress import progress
-from graspmap.errors import FileError, InvalidInputError
+from graspmap.cli.selection import select
+from graspmap.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from graspmap.data import Scenes
     from graspmap.data.split import Split
     from graspmap.evaluation import Evaluation
     from graspmap.inference import Detector
-
-_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -81,27 +79,21 @@ def run(argv: Sequence[str]) -> int:
     output_file(flags.json, "--json", keep=[flags.weights, flags.predictions])
     if flags.seed < 0:
         raise InvalidInputError("--seed", flags.seed, "0 or more")
-    from graspmap.data import KINDS, read_scenes
-
-    everything = read_scenes(flags.data, depth=flags.depth)
     detector = _detector(flags)
-    if flags.depth is None and detector is not None and detector.card.data is not None:
-        trained = detector.card.data.depth
-        if trained in KINDS[everything.kind].depths:
-            _LOG.info("%s depth, as in the training; --depth takes another", trained)
-            everything = read_scenes(flags.data, depth=trained)
-    split, part = _split(flags, everything)
-    scenes = everything if split is None else split.subset(everything, part)
-    result = _measure(flags, detector, scenes, everything)
+    chosen = select(
+        flags.data, depth=flags.depth, split=flags.split, weights=flags.weights, detector=detector
+    )
+    scenes, split = chosen.scenes, chosen.split
+    result = _measure(flags, detector, scenes, chosen.everything)
     if flags.out is not None and detector is not None:
         _write_predictions(flags.out / "predictions.txt", result, scenes)
     summary = result.to_dict() if flags.out is None else result.write(flags.out)
     _tell(flags, result)
     if flags.baseline:
-        base = _baseline(flags, scenes, everything, split)
+        base = _baseline(flags, scenes, chosen.everything, split)
         summary = {**summary, "baseline": base.to_dict()}
     if split is not None:
-        summary = {**summary, "split": {"part": part, "hash": split.hash}}
+        summary = {**summary, "split": {"part": chosen.part, "hash": split.hash}}
     write_json(summary, flags.json)
     return 0
 
@@ -152,35 +144,6 @@ def _write_predictions(path: Path, result: Evaluation, scenes: Scenes) -> None:
     from graspmap.evaluation import to_predictions
 
     write_predictions(path, to_predictions(result, scenes), size_px=JACQUARD_SIDE_PX)
-
-
-def _split(flags: Evaluate, scenes: Scenes) -> tuple[Split | None, str]:
-    """The split and the part that were asked for.
-
-    Raises:
-        FileError: The split file is missing or damaged, or not for these scenes.
-    """
-    from graspmap.data import read_split
-
-    beside = None if flags.weights is None else flags.weights.with_name("split.json")
-    if flags.split is None:
-        if beside is not None and beside.is_file():
-            _LOG.warning(
-                "%s lies beside the weights: they may have been trained on some of these scenes; "
-                "--split test measures the others alone",
-                beside,
-            )
-        return None, ""
-    file, colon, part = flags.split.rpartition(":")
-    if colon:
-        return read_split(file, scenes), part
-    if beside is None or not beside.is_file():
-        raise FileError(
-            beside or "split.json",
-            "there is no split beside the weights",
-            f"name its file: --split FILE.json:{flags.split}",
-        )
-    return read_split(beside, scenes), flags.split
 
 
 def _baseline(

@@ -191,7 +191,7 @@ def write_picture(path: Path, rgb: Any) -> None:
         StorageFullError: The disk is full.
         FileError: The folder may not be written to.
     """
-    from graspmap.data.files import write_bytes
+    from graspmap.files import write_bytes
     from graspmap.pictures import encode
 
     write_bytes(path, encode(rgb, path.suffix))
@@ -216,7 +216,7 @@ def write_json(value: Any, target: Path | None) -> None:
     if str(target) == "-":
         sys.stdout.write(text)
     else:
-        from graspmap.data.files import write_text
+        from graspmap.files import write_text
 
         write_text(target, text)
 

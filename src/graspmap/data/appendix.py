@@ -17,8 +17,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from graspmap.data.files import read_bytes
 from graspmap.errors import FileFormatError
+from graspmap.files import read_bytes
 
 LABELS_FILE = Path(__file__).with_name("cornell_labels.yaml")
 _TABLES = ("specific", "general")

@@ -41,6 +41,7 @@ from graspmap.errors import (
     InvalidInputError,
     UnknownNameError,
 )
+from graspmap.files import read_bytes, read_lines
 from graspmap.geometry.grasps import Grasps
 
 logger = logging.getLogger(__name__)
@@ -105,7 +106,7 @@ class CornellScenes(Scenes):
         self.root = Path(root)
         self.depth, self.labels = depth, labels
         # Part of what is read: a corrected table must make another packed store.
-        self._tables = blake2b(files.read_bytes(LABELS_FILE)).hexdigest() if labels else None
+        self._tables = blake2b(read_bytes(LABELS_FILE)).hexdigest() if labels else None
         found = _find(self.root)
         self.ids = tuple(sorted(found, key=lambda name: (int(name[3:]), name)))
         self._paths = [found[name] for name in self.ids]
@@ -186,7 +187,7 @@ def read_labels(path: Path) -> LabelFile:
         FileError: The file is missing or no text, a line is not two numbers, or the last
             rectangle is not whole; the error names the line.
     """
-    lines = files.read_lines(path)
+    lines = read_lines(path)
     points = [_parse(path, number, line) for number, line in lines]
     if len(points) % 4:
         raise FileFormatError(

@@ -1,8 +1,7 @@
-"""Low-level reading and writing of files, with errors that name the file and the remedy.
+"""Reading and writing of pictures, with errors that name the file and the remedy.
 
-Every reader and writer of graspmap's data goes through here. Files are decoded from memory, so a
-picture is read in one gulp, and they are written to a temporary neighbour and renamed, so a
-half-written file never carries the final name.
+Files are decoded from memory, so a picture is read in one gulp; see `graspmap.files` for how they
+are written.
 
 Letters in shapes: H rows, W columns.
 """
@@ -10,9 +9,7 @@ Letters in shapes: H rows, W columns.
 from __future__ import annotations
 
 import math
-import os
 import struct
-import tempfile
 import threading
 import zlib
 from collections.abc import Iterator
@@ -26,70 +23,13 @@ from numpy.typing import NDArray
 
 from graspmap.data.png import SIGNATURE, decode_rgb
 from graspmap.data.scene import Depth, Mask, Rgb
-from graspmap.errors import FileError, FileFormatError, MissingFileError, storage_errors
+from graspmap.errors import FileFormatError
+from graspmap.files import read_bytes, write_bytes
 
 _DECODER = threading.Lock()
 _REPLACE = "replace it with a good copy"
 # No camera of a grasping set-up sees further; numbers above this are millimetres.
 FARTHEST_M = 100.0
-
-
-def _umask() -> int:
-    # The only portable way to ask for it is to set it.
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
-_UMASK = _umask()
-
-
-def read_bytes(path: Path) -> bytes:
-    """The content of a file that must not be empty.
-
-    Raises:
-        MissingFileError: The file does not exist.
-        FileFormatError: It is empty or a folder.
-        FileError: It may not be read.
-    """
-    content = _read(path)
-    if not content:
-        raise FileFormatError(path, "the file is empty", _REPLACE)
-    return content
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except FileNotFoundError as error:
-        raise MissingFileError(path, "no such file", "check the name") from error
-    except IsADirectoryError as error:
-        raise FileFormatError(path, "this is a folder", "name a file in it") from error
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise FileError(path, f"cannot be read ({reason})", "check its permissions") from error
-
-
-def read_lines(path: Path) -> list[tuple[int, str]]:
-    """The lines of a text file that are not blank, whichever line endings it has.
-
-    Returns:
-        Pairs of line number (from 1) and stripped text; none for an empty file.
-
-    Raises:
-        MissingFileError: The file does not exist.
-        FileFormatError: It is no text.
-        FileError: It may not be read.
-    """
-    content = _read(path)
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise FileFormatError(path, f"is no text (byte {error.start})", _REPLACE) from error
-    if "\0" in text:
-        raise FileFormatError(path, "is no text (it holds zero bytes)", _REPLACE)
-    numbered = ((number, line.strip()) for number, line in enumerate(text.splitlines(), start=1))
-    return [(number, line) for number, line in numbered if line]
 
 
 def read_image(path: Path) -> NDArray[Any]:
@@ -210,50 +150,11 @@ def _median(depth_m: Depth) -> float:
 
 
 def _read_array(path: Path) -> NDArray[Any]:
-    _read(path)  # for its errors
+    read_bytes(path)  # for its errors
     try:
         return np.asarray(np.load(path, allow_pickle=False))
     except (ValueError, EOFError, OSError) as error:
         raise FileFormatError(path, "is no array of NumPy, or a damaged one", _REPLACE) from error
-
-
-def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all; folders are made where they are missing.
-
-    A device or a pipe (``/dev/stdout``) is written to, not replaced by a file.
-
-    Raises:
-        StorageFullError: The disk is full; nothing is left behind under the name.
-        FileError: Writing there is not allowed.
-    """
-    with storage_errors(path):
-        if path.exists() and not path.is_file() and not path.is_dir():
-            path.write_bytes(content)
-            return
-        path = path.resolve() if path.is_symlink() else path  # a link stays one
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(content)
-            # mkstemp makes files private; give them what the user's umask gives any other.
-            Path(name).chmod(0o666 & ~_UMASK)
-            Path(name).replace(path)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write UTF-8 text whole or not at all, line endings as given.
-
-    Names of files that are no UTF-8 come out as the bytes they are.
-
-    Raises:
-        StorageFullError: The disk is full.
-        FileError: Writing there is not allowed.
-    """
-    write_bytes(path, text.encode(errors="surrogateescape"))
 
 
 def write_rgb(path: Path, rgb: Rgb) -> None:

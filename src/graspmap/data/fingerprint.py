@@ -6,13 +6,13 @@ import hashlib
 import json
 import logging
 import os
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
 from graspmap.data.scene import Scenes
 from graspmap.errors import MissingFileError
+from graspmap.files import write_text
 
 _LOG = logging.getLogger(__name__)
 _DIGEST = 16  # bytes: no two of 2^40 files will share one by chance
@@ -68,14 +68,7 @@ class FileHashes:
         """Keep what was learnt; the file is replaced in one step."""
         if not self._changed:
             return
-        handle, name = tempfile.mkstemp(dir=self._index.parent, prefix=f"{self._index.name}.")
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                json.dump(self._known, file)
-            Path(name).replace(self._index)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
+        write_text(self._index, json.dumps(self._known))
         self._changed = False
 
 

@@ -7,7 +7,9 @@ Layout, nested by object or flat, all files but the first may be missing:
     <object>/<i>_<object>_perfect_depth.tiff  float32 metres, LZW
     <object>/<i>_<object>_stereo_depth.tiff   the same with the errors of stereo; -1 marks holes
     <object>/<i>_<object>_grasps.txt          ``x;y;theta;opening;jaw`` a line
-    <object>/<i>_<object>_camera.json         our addition: intrinsics, where not Jacquard's own
+    <object>/<i>_<object>_negatives.txt       our addition: grasps that failed, and how
+    <object>/<i>_<object>_camera.json         our addition: intrinsics and, where it is known, the
+                                              pose (``T_world_camera``, 4 x 4), where not Jacquard's
 
 ``x;y`` is the centre in pixels, ``theta`` the direction of the opening in degrees, CLOCKWISE on
 screen (`Grasps` has it counter-clockwise), ``opening`` and ``jaw`` are pixels. A grasp repeats once
@@ -24,15 +26,22 @@ import json
 import math
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from graspmap.data import files
+from graspmap.data.jacquard_labels import (
+    format_grasps,
+    format_negatives,
+    read_grasps,
+    read_negatives,
+    smallest_jaws,
+)
 from graspmap.data.scene import Depth, Scene, Scenes
 from graspmap.errors import (
     DatasetNotFoundError,
@@ -40,8 +49,10 @@ from graspmap.errors import (
     InvalidInputError,
     UnknownNameError,
 )
+from graspmap.files import read_bytes, write_text
 from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps
+from graspmap.geometry.transforms import RigidTransform
 
 JACQUARD_SIDE_PX = 1024
 """Side of Jacquard's pictures, in which its server counts pixels."""
@@ -49,10 +60,16 @@ JACQUARD_SIDE_PX = 1024
 FIELD_OF_VIEW_RAD = math.radians(30.0)
 """Field of view of Jacquard's camera, found from its files: focal length 1910.8 px."""
 
+TILT_RAD = math.radians(10.0)
+"""Between Jacquard's optical axis and the vertical: the camera is turned about the image's x axis,
+so that it sees the table's far side at the top. Found from its files, to 0.001 degrees."""
+
+TABLE_DISTANCE_M = 1.5
+"""From Jacquard's camera to the table along the optical axis, found from its files to 0.1 mm."""
+
 DepthKind = Literal["perfect", "stereo"]
 Jaws = Literal["all", "smallest"]
 
-_LINE = "a line is x;y;theta;opening;jaw (pixels, degrees clockwise), five finite numbers"
 _NAME = re.compile(r"(?P<number>\d+)_(?P<object>.+)")
 
 
@@ -65,6 +82,7 @@ class JacquardFiles:
     perfect_depth: Path | None
     stereo_depth: Path | None
     grasps: Path | None
+    negatives: Path | None
     camera: Path | None
 
 
@@ -74,6 +92,7 @@ _SUFFIX = {
     "perfect_depth": "_perfect_depth.tiff",
     "stereo_depth": "_stereo_depth.tiff",
     "grasps": "_grasps.txt",
+    "negatives": "_negatives.txt",
     "camera": "_camera.json",
 }
 
@@ -144,13 +163,16 @@ class JacquardScenes(Scenes):
                     f"{rgb.shape[1]} x {rgb.shape[0]} px",
                     "give the pictures of a scene one size",
                 )
+        camera, pose = _read_camera(paths.camera, rgb.shape[1], rgb.shape[0])
         return Scene(
             id=name,
             rgb=rgb,
             depth=depth,
             mask=mask,
             grasps=self.read_grasps(index),
-            camera=_read_camera(paths.camera, rgb.shape[1], rgb.shape[0]),
+            negatives=None if paths.negatives is None else read_negatives(paths.negatives)[0],
+            camera=camera,
+            T_world_camera=pose,
             object_id=self.object_id(index),
         )
 
@@ -169,7 +191,8 @@ class JacquardScenes(Scenes):
     def files(self, index: int) -> tuple[Path, ...]:
         """The files that scene ``index`` is read from (those that exist)."""
         paths = self._paths[index]
-        used = (paths.rgb, self._depth_path(paths), paths.mask, paths.grasps, paths.camera)
+        labels = (paths.grasps, paths.negatives)
+        used = (paths.rgb, self._depth_path(paths), paths.mask, *labels, paths.camera)
         return tuple(path for path in used if path is not None)
 
     def object_id(self, index: int) -> str:
@@ -183,8 +206,6 @@ class JacquardScenes(Scenes):
 def jacquard_camera(width: int, height: int) -> Camera | None:
     """Intrinsics of Jacquard's camera for a picture scaled to ``width`` x ``height`` px.
 
-    The camera is tilted by 10 degrees about the image's x axis, the table 1.5 m away on the axis.
-
     Returns:
         The camera; None for a picture that is not square, as none of Jacquard's is.
     """
@@ -193,74 +214,37 @@ def jacquard_camera(width: int, height: int) -> Camera | None:
     return Camera.from_field_of_view(FIELD_OF_VIEW_RAD, width, height)
 
 
-def read_grasps(path: Path) -> Grasps:
-    """Grasps of a ``_grasps.txt``, all jaw sizes, in the order of the file; pixels of its picture.
+def jacquard_pose() -> RigidTransform:
+    """``T_world_camera`` of Jacquard's camera.
 
-    A file without lines means that no grasp succeeded.
-
-    Raises:
-        FileError: The file is missing or no text, or a line is not five finite numbers with a
-            positive opening and jaw; the error names the line.
+    The world's origin is where the optical axis meets the table, its x axis the image's; y runs up
+    in the picture, along the table.
     """
-    rows = [_parse(path, number, line) for number, line in files.read_lines(path)]
-    if not rows:
-        return Grasps.empty()
-    table = np.array(rows, dtype=np.float64)
-    return Grasps(
-        center=table[:, :2],
-        angle=-np.radians(table[:, 2]),
-        width=table[:, 3],
-        height=table[:, 4],
-    )
-
-
-def format_grasps(grasps: Grasps) -> str:
-    """The lines of a ``_grasps.txt`` (CRLF, as in the original); reading them is exact.
-
-    The quality is not part of the format.
-    """
-    # 1e-12 degrees are below the rounding of the conversion: 68.2615 stays what it was.
-    theta = np.round(-np.degrees(grasps.angle), 12)
-    table = np.column_stack([grasps.center, theta, grasps.width, grasps.height])
-    return "".join(";".join(repr(number) for number in row) + "\r\n" for row in table.tolist())
-
-
-def smallest_jaws(grasps: Grasps) -> Grasps:
-    """Each grasp once, with the smallest of the jaws (height) that it is repeated with.
-
-    Grasps are the same where centre, angle and opening agree to 1e-4 px and 1e-4 rad, which is
-    finer than the files are written and coarser than the rounding of an affine map. The order is
-    that of the first appearance.
-    """
-    if not len(grasps):
-        return grasps
-    key = np.column_stack(
-        # The double angle makes -pi/2 and pi/2 the same.
-        [grasps.center, np.cos(2 * grasps.angle), np.sin(2 * grasps.angle), grasps.width]
-    )
-    same = np.round(key * 1e4).astype(np.int64)
-    # By hand: np.unique along an axis doubles the time, and every training sample waits for it.
-    order = np.lexsort((grasps.height, *same.T))  # stable: of equal jaws the first in the list
-    starts = np.flatnonzero(np.r_[True, (np.diff(same[order], axis=0) != 0).any(axis=1)])
-    chosen = order[starts]
-    appearance = np.minimum.reduceat(order, starts)
-    return grasps[chosen[np.argsort(appearance)]]
+    c, s = math.cos(TILT_RAD), math.sin(TILT_RAD)
+    rotation = np.array([[1.0, 0.0, 0.0], [0.0, -c, s], [0.0, -s, -c]])
+    return RigidTransform(rotation, -TABLE_DISTANCE_M * rotation[:, 2])
 
 
 def write_jacquard(
-    scene: Scene, root: Path | str, *, stereo_depth: Depth | None = None, nested: bool = True
+    scene: Scene,
+    root: Path | str,
+    *,
+    stereo_depth: Depth | None = None,
+    outcomes: Sequence[str] | None = None,
+    nested: bool = True,
 ) -> Path:
     """Write a scene in Jacquard's layout; reading it back gives the same scene.
 
     Each file is written whole or not at all, the colour picture last: a scene whose writing was
-    cut short is not found by the reader. Not part of the layout, and lost: the grasps' quality,
-    negative grasps and class labels.
+    cut short is not found by the reader. Not part of the layout, and lost: the grasps' quality and
+    class labels.
 
     Args:
         scene: Needs colour and an id of the form ``<i>_<object>``, where ``<object>`` is its
             object_id if it has one. Its depth becomes the perfect depth, holes are written as -1.
         root: Folder to write into; made where it is missing.
         stereo_depth: (H, W) float32 metres for the stereo depth, or None for no such file.
+        outcomes: How each of the negative grasps failed, a word each; None: ``failed``.
         nested: Put the scene into a folder of its object.
 
     Returns:
@@ -275,12 +259,14 @@ def write_jacquard(
     if scene.rgb is None:
         raise InvalidInputError(f"rgb of scene {scene.id}", None, "a picture, to write it")
     name = _checked_name(scene)
-    if scene.grasps is not None and len(scene.grasps):
-        smallest = min(scene.grasps.width.min(), scene.grasps.height.min())
-        if smallest <= 0:
-            raise InvalidInputError(f"opening or jaw in scene {name}", smallest, "positive pixels")
     if stereo_depth is not None and stereo_depth.shape != scene.shape:
         raise InvalidInputError("shape of stereo_depth", stereo_depth.shape, str(scene.shape))
+    grasps = scene.grasps
+    texts = {
+        "grasps": None if grasps is None else format_grasps(_checked_labels(grasps, name)),
+        "negatives": _negatives_text(scene, name, outcomes),
+        "camera": _camera_text(scene),
+    }
     folder = Path(root) / _object(name) if nested else Path(root)
     path = {part: folder / f"{name}{suffix}" for part, suffix in _SUFFIX.items()}
     if scene.mask is not None:
@@ -288,11 +274,9 @@ def write_jacquard(
     for part, depth in (("perfect_depth", scene.depth), ("stereo_depth", stereo_depth)):
         if depth is not None:
             files.write_depth(path[part], depth)
-    if scene.grasps is not None:
-        files.write_text(path["grasps"], format_grasps(scene.grasps))
-    rows, columns = scene.shape
-    if scene.camera is not None and scene.camera != jacquard_camera(columns, rows):
-        files.write_text(path["camera"], json.dumps(scene.camera.to_dict(), indent=1) + "\n")
+    for part, text in texts.items():
+        if text is not None:
+            write_text(path[part], text)
     files.write_rgb(path["rgb"], scene.rgb)
     return path["rgb"]
 
@@ -312,9 +296,41 @@ def _checked_name(scene: Scene) -> str:
     return scene.id
 
 
-def _read_camera(path: Path | None, width: int, height: int) -> Camera | None:
+def _checked_labels(grasps: Grasps, name: str) -> Grasps:
+    smallest = min([*grasps.width.tolist(), *grasps.height.tolist()], default=1.0)
+    if smallest <= 0:
+        raise InvalidInputError(f"opening or jaw in scene {name}", smallest, "positive pixels")
+    return grasps
+
+
+def _negatives_text(scene: Scene, name: str, outcomes: Sequence[str] | None) -> str | None:
+    if scene.negatives is None:
+        return None
+    words = ["failed"] * len(scene.negatives) if outcomes is None else outcomes
+    return format_negatives(_checked_labels(scene.negatives, name), words)
+
+
+def _camera_text(scene: Scene) -> str | None:
+    """What its camera file holds; None where it needs none: no camera, or Jacquard's own."""
+    if scene.camera is None:
+        return None
+    rows, columns = scene.shape
+    own = (jacquard_camera(columns, rows), jacquard_pose())
+    if (scene.camera, scene.T_world_camera) == own:
+        return None
+    values: dict[str, Any] = dict(scene.camera.to_dict())
+    if scene.T_world_camera is not None:
+        values["T_world_camera"] = scene.T_world_camera.matrix.tolist()
+    return json.dumps(values, indent=1) + "\n"
+
+
+def _read_camera(
+    path: Path | None, width: int, height: int
+) -> tuple[Camera | None, RigidTransform | None]:
+    """Intrinsics and pose; Jacquard's own without a file."""
     if path is None:
-        return jacquard_camera(width, height)
+        camera = jacquard_camera(width, height)
+        return camera, None if camera is None else jacquard_pose()
     camera = Camera.read(path)
     if (camera.width, camera.height) != (width, height):
         raise FileFormatError(
@@ -322,7 +338,15 @@ def _read_camera(path: Path | None, width: int, height: int) -> Camera | None:
             f"describes {camera.width} x {camera.height} px, the picture has {width} x {height}",
             "correct it, or delete it to use Jacquard's camera",
         )
-    return camera
+    remedy = "give a 4 x 4 matrix that maps camera coordinates to the world's, in metres"
+    try:
+        matrix = json.loads(read_bytes(path)).get("T_world_camera")
+    except ValueError as error:
+        raise FileFormatError(path, "no JSON", "write the camera as JSON") from error
+    try:
+        return camera, None if matrix is None else RigidTransform.from_matrix(matrix)
+    except InvalidInputError as error:
+        raise FileFormatError(path, f"no usable T_world_camera ({error})", remedy) from error
 
 
 def _find(root: Path) -> dict[str, JacquardFiles]:
@@ -370,22 +394,3 @@ def _object(name: str) -> str:
 def _order(name: str) -> tuple[str, int, str]:
     match = _NAME.fullmatch(name)
     return (match["object"], int(match["number"]), name) if match else (name, 0, name)
-
-
-def _parse(path: Path, number: int, line: str) -> list[float]:
-    parts = line.split(";")
-    if len(parts) != 5:
-        raise FileFormatError(path, f"line {number} has {len(parts)} numbers: {line!r}", _LINE)
-    try:
-        values = [float(part) for part in parts]
-    except ValueError as error:
-        raise FileFormatError(path, f"line {number} is {line!r}", _LINE) from error
-    if not all(map(math.isfinite, values)):
-        raise FileFormatError(path, f"line {number} is not finite: {line!r}", _LINE)
-    if values[3] <= 0 or values[4] <= 0:
-        raise FileFormatError(
-            path,
-            f"line {number} has opening {values[3]:g} and jaw {values[4]:g}",
-            "both must be positive",
-        )
-    return values

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from graspmap.data.files import read_lines, write_text
 from graspmap.data.jacquard import JACQUARD_SIDE_PX
 from graspmap.errors import FileFormatError, InvalidInputError
+from graspmap.files import read_lines, write_text
 from graspmap.geometry.affine import resize
 from graspmap.geometry.grasps import Grasps
 

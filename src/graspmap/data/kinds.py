@@ -7,7 +7,7 @@ line in `KINDS`.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from inspect import signature
 from pathlib import Path
@@ -65,18 +65,22 @@ KINDS: dict[str, Kind] = {
 """The known kinds by name."""
 
 
-def split_spec(spec: str | Path) -> tuple[str | None, Path]:
+def split_spec(spec: str | Path, kinds: Collection[str] = KINDS.keys()) -> tuple[str | None, Path]:
     """Kind (None where it is not given) and folder of ``kind:directory``.
 
     A leading ``~`` is the user's home: a shell leaves it alone after a colon.
 
+    Args:
+        spec: ``"kind:directory"``, or a directory.
+        kinds: The kinds that there are.
+
     Raises:
-        UnknownNameError: The kind is not one of `KINDS`, and no such folder exists.
+        UnknownNameError: The kind is not one of them, and no such folder exists.
         InvalidInputError: No folder is named, or its name holds a zero byte.
     """
     text = str(spec)
     kind, colon, folder = text.partition(":")
-    known = kind in KINDS and not isinstance(spec, Path)
+    known = kind in kinds and not isinstance(spec, Path)
     # The current folder is hardly meant: rather a variable of the shell that is not set.
     if not (folder if known and colon else text) or "\0" in text:
         raise InvalidInputError("data set", repr(text), "kind:directory, or . for this folder")
@@ -87,7 +91,7 @@ def split_spec(spec: str | Path) -> tuple[str | None, Path]:
     if Path(text).exists():
         # A folder with a colon in its name, or a drive letter.
         return None, Path(text)
-    raise UnknownNameError("kind of data set", kind, KINDS)
+    raise UnknownNameError("kind of data set", kind, kinds)
 
 
 def _at_home(folder: str) -> Path:

@@ -19,9 +19,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from graspmap.data.files import read_bytes
 from graspmap.data.scene import Depth
 from graspmap.errors import FileFormatError
+from graspmap.files import read_bytes
 
 Floats = NDArray[np.float64]
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from graspmap.errors import InvalidInputError
 from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps
+from graspmap.geometry.transforms import RigidTransform
 
 Rgb = NDArray[np.uint8]
 Depth = NDArray[np.float32]
@@ -36,6 +37,8 @@ class Scene:
             `Grasps` says that it has labels and none succeeds).
         negatives: Labelled grasps that fail, or None.
         camera: Intrinsics of this picture, or None.
+        T_world_camera: Pose of the camera over the table, which is the plane z = 0 of the world (z
+            up, metres), or None.
         object_id: Object (or set of objects) shown; scenes with one object_id stay together in
             an object-wise split.
         labels: Class names by kind, for example ``{"specific": "mug", "general": "crockery"}``.
@@ -51,6 +54,7 @@ class Scene:
     grasps: Grasps | None = None
     negatives: Grasps | None = None
     camera: Camera | None = None
+    T_world_camera: RigidTransform | None = None
     object_id: str | None = None
     labels: dict[str, str] = field(default_factory=dict)
 

@@ -20,9 +20,9 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from graspmap.data.files import read_bytes, write_text
 from graspmap.data.scene import Scenes
 from graspmap.errors import FileFormatError, InvalidInputError, UnknownNameError
+from graspmap.files import read_bytes, write_text
 
 logger = logging.getLogger(__name__)
 

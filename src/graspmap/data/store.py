@@ -30,14 +30,16 @@ from graspmap.data import images
 from graspmap.data.fingerprint import FileHashes, scenes_key
 from graspmap.data.scene import Mask, Scene, Scenes
 from graspmap.errors import FileError, GraspmapError, InvalidInputError, storage_errors
+from graspmap.files import write_text
 from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps
+from graspmap.geometry.transforms import RigidTransform
 
 # Without POSIX locks two builders do the work twice, and the first one's result is kept.
 fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 
 _LOG = logging.getLogger(__name__)
-_VERSION = 2  # counts up whenever the same sources would give other bytes
+_VERSION = 3  # counts up whenever the same sources would give other bytes
 _META = "store.json"
 _PICTURES: dict[str, tuple[Any, tuple[int, ...]]] = {
     "rgb": (np.uint8, (3,)),
@@ -102,6 +104,11 @@ class Store(Scenes):
             grasps=self._labels("grasps", index),
             negatives=self._labels("negatives", index),
             camera=Camera(**facts["camera"]) if facts["camera"] else None,
+            T_world_camera=(
+                RigidTransform.from_matrix(facts["T_world_camera"])
+                if facts["T_world_camera"]
+                else None
+            ),
             object_id=facts["object_id"],
             labels=facts["labels"],
         )
@@ -278,8 +285,7 @@ class _Builder:
             "ids": self._scenes.ids,
             "scenes": facts,
         }
-        (self._part / _META).write_text(json.dumps(meta), encoding="utf-8")
-        _sync(self._part / _META)
+        write_text(self._part / _META, json.dumps(meta), durable=True)
 
     def _packed(self, workers: int) -> Iterator[_Packed]:
         """All scenes in order; a few are read ahead, since decoding does not hold Python's lock."""
@@ -310,6 +316,9 @@ class _Builder:
         facts: dict[str, Any] = {name: name in pictures for name in _PICTURES}
         facts |= {name: value is not None for name, value in grasps.items()}
         facts |= {"object_id": scene.object_id, "labels": scene.labels, "camera": camera}
+        # A crop or zoom leaves the camera where it is.
+        pose = scene.T_world_camera
+        facts["T_world_camera"] = None if pose is None else pose.matrix.tolist()
         facts["shape"] = scene.shape
         labels = {name: _rows(value, matrix) for name, value in grasps.items()}
         return _Packed(pictures, labels, matrix, facts)

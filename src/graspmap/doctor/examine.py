@@ -6,12 +6,12 @@ it finds out from the files. A new kind is one entry there.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from graspmap.data.kinds import split_spec
 from graspmap.doctor.meshes import MESH_SUFFIXES, examine_meshes
 from graspmap.doctor.report import Report, Update, nothing
 from graspmap.doctor.scenes import examine_scenes
@@ -20,7 +20,6 @@ from graspmap.errors import (
     DatasetNotFoundError,
     InvalidInputError,
     MissingFileError,
-    UnknownNameError,
 )
 
 
@@ -63,35 +62,14 @@ def examine(
         UnknownNameError: There is no such kind.
         MissingFileError: There is no such folder.
         DatasetNotFoundError: The folder holds nothing of its kind, or of any kind.
-        InvalidInputError: No kind is given and the folder holds several.
+        InvalidInputError: No folder is named, or no kind and the folder holds several.
     """
-    kind, root = _split(spec)
+    kind, root = split_spec(spec, EXAMINERS)
     if not root.exists():
         raise MissingFileError(root, "there is no such folder", "check its name")
     if kind is None:
         kind = _find_kind(root)
     return EXAMINERS[kind].run(root, progress=progress, everything=everything)
-
-
-def _split(spec: str | Path) -> tuple[str | None, Path]:
-    text = str(spec)
-    kind, colon, folder = text.partition(":")
-    if not text:
-        raise InvalidInputError("data", "''", "KIND:FOLDER, or . for this folder")
-    if isinstance(spec, Path) or not colon:
-        return None, _at_home(text)
-    if kind in EXAMINERS:
-        if not folder:
-            raise InvalidInputError("data", repr(text), f"{kind}:FOLDER")
-        return kind, _at_home(folder)
-    if Path(text).exists():  # a folder with a colon in its name
-        return None, Path(text)
-    raise UnknownNameError("kind of data", kind, EXAMINERS)
-
-
-def _at_home(folder: str) -> Path:
-    # A shell leaves a ~ alone after a colon. Path.expanduser raises where the user is unknown.
-    return Path(os.path.expanduser(folder))  # noqa: PTH111
 
 
 def _find_kind(root: Path) -> str:

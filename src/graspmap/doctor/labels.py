@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspmap.data import files
 from graspmap.data.scene import Scenes
 from graspmap.doctor.report import Report
 from graspmap.errors import GraspmapError
+from graspmap.files import read_lines
 from graspmap.geometry.grasps import Grasps
 
 
@@ -126,7 +126,7 @@ def explain_line(kind: str, scenes: Scenes) -> list[tuple[str, str]]:
             grasps = scenes.read_grasps(index)
             path = next((p for p in scenes.files(index) if end and p.name.endswith(end)), None)
             if path is not None and grasps is not None and len(grasps):
-                lines = [line for _, line in files.read_lines(path)]
+                lines = [line for _, line in read_lines(path)]
                 explain = _explain_jacquard if kind == "jacquard" else _explain_cornell
                 return [("a label", text) for text in explain(path, lines, grasps[0])]
         except GraspmapError:

@@ -1,11 +1,11 @@
-"""The doctor's look at object models: OBJ, STL and PLY files.
+"""The doctor's look at object models, in any format that trimesh reads.
 
 Letters in shapes: V vertices, F triangles.
 """
 
 from __future__ import annotations
 
-import struct
+import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,11 @@ from numpy.typing import NDArray
 
 from graspmap.doctor.report import Report, Update, nothing
 from graspmap.errors import DatasetNotFoundError, FileFormatError
+from graspmap.files import read_bytes
 
-MESH_SUFFIXES = (".obj", ".ply", ".stl")
+MESH_SUFFIXES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
+_NEEDS_MORE = (".3mf", ".dae")
+"""Formats for which trimesh asks for a library that is not among graspmap's."""
 _REMEDY = "export the mesh again"
 _METERS = (0.005, 2.0)
 """Longest side of an object that a hand can grasp, metres: a number in this range is metres."""
@@ -66,7 +69,9 @@ def examine_meshes(root: Path, *, progress: Update = nothing, **_: Any) -> Repor
     paths = sorted(p for p in root.rglob("*") if p.suffix.lower() in MESH_SUFFIXES)
     if not paths:
         raise DatasetNotFoundError(
-            root, "holds no .obj, .ply or .stl file", "name the folder that holds the meshes"
+            root,
+            f"holds no {', '.join(MESH_SUFFIXES[:-1])} or {MESH_SUFFIXES[-1]} file",
+            "name the folder that holds the meshes",
         )
     report = Report("meshes", root)
     items: dict[str, dict[str, Any]] = {}
@@ -133,18 +138,27 @@ def _unit(median: float) -> tuple[str, str]:
 
 
 def read_mesh(path: Path) -> Mesh:
-    """A mesh file as vertices and triangles; polygons are cut into fans.
+    """A mesh file as vertices and triangles: all its parts together, polygons cut.
 
     Args:
-        path: An OBJ, STL (both forms) or PLY (both forms) file.
+        path: A file of a format that trimesh reads.
 
     Raises:
-        FileFormatError: The file is empty, damaged, or has no triangles.
+        MissingFileError: There is no such file.
+        FileFormatError: The file is empty, damaged, or has no triangles, or its format needs a
+            library that is not installed.
     """
-    reader = {".obj": _obj, ".stl": _stl, ".ply": _ply}[path.suffix.lower()]
+    content = read_bytes(path)
     try:
-        vertices, faces = reader(path.read_bytes())
-    except (ValueError, IndexError, KeyError, struct.error) as error:
+        vertices, faces = _load(path, content)
+    except ImportError as error:
+        if path.suffix.lower() in _NEEDS_MORE:
+            problem = f"cannot be read without another library ({error})"
+            raise FileFormatError(path, problem, "install that, or export it as .glb") from error
+        raise FileFormatError(path, "is damaged", _REMEDY) from error
+    except IndexError as error:
+        raise FileFormatError(path, "has faces that name vertices it lacks", _REMEDY) from error
+    except Exception as error:  # trimesh raises whatever the damaged bytes lead to
         raise FileFormatError(path, f"is damaged ({error})", _REMEDY) from error
     if not len(vertices) or not len(faces):
         raise FileFormatError(path, "has no vertices or no faces", _REMEDY)
@@ -155,118 +169,15 @@ def read_mesh(path: Path) -> Mesh:
     return Mesh(vertices, faces)
 
 
-Triangles = tuple[NDArray[np.float64], NDArray[np.int64]]
+def _load(path: Path, content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    import trimesh
 
-
-def _fans(polygons: list[list[int]]) -> NDArray[np.int64]:
-    """Polygons as triangles that share their first corner."""
-    fans = [(p[0], p[i], p[i + 1]) for p in polygons for i in range(1, len(p) - 1)]
-    return np.array(fans, dtype=np.int64).reshape(-1, 3)
-
-
-def _obj(content: bytes) -> Triangles:
-    vertices: list[list[float]] = []
-    polygons: list[list[int]] = []
-    for line in content.decode("utf-8", "replace").splitlines():
-        if line.startswith("v "):
-            vertices.append([float(word) for word in line.split()[1:4]])
-        elif line.startswith("f "):
-            numbers = [int(word.split("/")[0]) for word in line.split()[1:]]
-            # OBJ counts from 1; negative numbers count back from the latest vertex.
-            polygons.append([n - 1 if n > 0 else len(vertices) + n for n in numbers])
-    return np.array(vertices, dtype=np.float64).reshape(-1, 3), _fans(polygons)
-
-
-def _stl(content: bytes) -> Triangles:
-    count = struct.unpack_from("<I", content, 80)[0] if len(content) >= 84 else -1
-    if len(content) == 84 + 50 * count:
-        kind = np.dtype([("normal", "<f4", 3), ("points", "<f4", (3, 3)), ("spare", "<u2")])
-        points = np.frombuffer(content, kind, offset=84)["points"].reshape(-1, 3)
-    elif content.lstrip().startswith(b"solid"):
-        rows = [line.split()[1:4] for line in content.splitlines() if b"vertex" in line]
-        points = np.array([[float(w) for w in row] for row in rows]).reshape(-1, 3)
-    else:
-        raise ValueError(f"{len(content)} bytes, its header promises {84 + 50 * count}")
-    vertices, place = np.unique(np.asarray(points, np.float64), axis=0, return_inverse=True)
-    return vertices, place.reshape(-1, 3).astype(np.int64)
-
-
-_PLY_TYPES = {
-    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",
-    "ushort": "u2", "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
-    "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
-}  # fmt: skip
-
-
-def _ply(content: bytes) -> Triangles:
-    head, mark, body = content.partition(b"end_header")
-    if not content.startswith(b"ply") or not mark:
-        raise ValueError("no PLY header")
-    body = body.partition(b"\n")[2]
-    form, elements = _ply_header(head.decode("ascii", "replace").splitlines())
-    rows = _ply_text(body, elements) if form == "ascii" else _ply_binary(body, elements, form)
-    names = [name for name, _ in elements["vertex"][1]]
-    columns = [names.index(axis) for axis in "xyz"]
-    vertices = [[float(row[c]) for c in columns] for row in rows["vertex"]]
-    at = next(i for i, (n, _) in enumerate(elements["face"][1]) if n.startswith("vertex_ind"))
-    polygons = [[int(v) for v in row[at]] for row in rows["face"]]
-    return np.array(vertices, dtype=np.float64).reshape(-1, 3), _fans(polygons)
-
-
-Element = tuple[int, list[tuple[str, tuple[str, ...]]]]
-"""Count of rows, and (name, types) of each property; two types make a list: count and item."""
-
-
-def _ply_header(lines: list[str]) -> tuple[str, dict[str, Element]]:
-    form, elements, current = "ascii", dict[str, Element](), ""
-    for words in (line.split() for line in lines):
-        if words[:1] == ["format"]:
-            form = words[1]
-        elif words[:1] == ["element"]:
-            current = words[1]
-            elements[current] = (int(words[2]), [])
-        elif words[:1] == ["property"]:
-            kinds = words[2:4] if words[1] == "list" else words[1:2]
-            elements[current][1].append((words[-1], tuple(_PLY_TYPES[k] for k in kinds)))
-    return form, elements
-
-
-def _ply_text(body: bytes, elements: dict[str, Element]) -> dict[str, list[list[Any]]]:
-    words = iter(body.split())
-    rows: dict[str, list[list[Any]]] = {}
-    try:
-        for name, (count, properties) in elements.items():
-            rows[name] = [
-                [
-                    float(next(words))
-                    if len(kinds) == 1
-                    else [float(next(words)) for _ in range(int(next(words)))]
-                    for _, kinds in properties
-                ]
-                for _ in range(count)
-            ]
-    except (StopIteration, RuntimeError):
-        raise ValueError("it ends before its last row") from None
-    return rows
-
-
-def _ply_binary(body: bytes, elements: dict[str, Element], form: str) -> dict[str, list[list[Any]]]:
-    order = ">" if "big" in form else "<"
-    rows: dict[str, list[list[Any]]] = {}
-    at = 0
-
-    def take(kind: str, count: int = 1) -> NDArray[Any]:
-        nonlocal at
-        values = np.frombuffer(body, order + kind, count, at)
-        at += values.nbytes
-        return values
-
-    for name, (count, properties) in elements.items():
-        rows[name] = [
-            [
-                take(kinds[0])[0] if len(kinds) == 1 else take(kinds[1], int(take(kinds[0])[0]))
-                for _, kinds in properties
-            ]
-            for _ in range(count)
-        ]
-    return rows
+    source: Any = path
+    kind = path.suffix.lower()[1:]
+    if kind == "obj":
+        # Its numbers are ASCII; a name in another encoding is no reason to fail.
+        source = io.BytesIO(content.decode("utf-8", "replace").encode())
+    # As it is in the file: vertices neither merged nor dropped.
+    scene = trimesh.load_scene(source, file_type=kind, process=False, skip_materials=True)
+    mesh = scene.to_mesh()
+    return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)

@@ -87,13 +87,7 @@ def evaluate_detector(
     chosen = find_protocol(protocol)
 
     def predict(index: int) -> Grasps:
-        scene = scenes.read(index)
-        try:
-            found = detector.detect(scene.rgb, scene.depth, top=1, method=chosen.decoding)
-        except InvalidInputError as error:
-            name = f"scene {scene.id} of {scenes.kind}:{scenes.root}: {error.name}"
-            raise InvalidInputError(name, error.found, error.allowed) from error
-        return found.grasps
+        return detect_in(detector, scenes, index, top=1, method=chosen.decoding)
 
     return _evaluate(predict, scenes, chosen, thresholds, confidence, cluster, jaw, seed, progress)
 
@@ -133,16 +127,36 @@ def evaluate_predictions(
             names are near), no scene has a label, or an option is not allowed.
         FileError: A file of a scene is missing or damaged.
     """
-    _check_ids(predictions, scenes, known_ids or ())
+    check_ids(predictions, scenes, known_ids or ())
     chosen = find_protocol(protocol)
 
     def predict(index: int) -> Grasps:
         grasps = predictions.get(scenes.ids[index], Grasps.empty())[:1]
-        if not len(grasps):
-            return grasps
-        return grasps.transformed(resize(_file_frame_side(scenes, index) / JACQUARD_SIDE_PX))
+        return to_picture_frame(grasps, scenes, index) if len(grasps) else grasps
 
     return _evaluate(predict, scenes, chosen, thresholds, confidence, cluster, jaw, seed, progress)
+
+
+def detect_in(
+    detector: GraspDetector, scenes: Scenes, index: int, *, top: int, method: Decoding
+) -> Grasps:
+    """What a detector finds in scene ``index``, pixels of its picture, best first.
+
+    Raises:
+        InvalidInputError: The scene lacks what the detector needs; the error names it.
+        FileError: A file of the scene is missing or damaged.
+    """
+    scene = scenes.read(index)
+    try:
+        return detector.detect(scene.rgb, scene.depth, top=top, method=method).grasps
+    except InvalidInputError as error:
+        name = f"scene {scene.id} of {scenes.kind}:{scenes.root}: {error.name}"
+        raise InvalidInputError(name, error.found, error.allowed) from error
+
+
+def to_picture_frame(grasps: Grasps, scenes: Scenes, index: int) -> Grasps:
+    """Grasps of a predictions file in pixels of the picture of scene ``index``."""
+    return grasps.transformed(resize(_file_frame_side(scenes, index) / JACQUARD_SIDE_PX))
 
 
 def to_predictions(evaluation: Evaluation, scenes: Scenes) -> dict[str, Grasps]:
@@ -227,10 +241,19 @@ def _check_options(cluster: str, jaw: str) -> None:
             raise InvalidInputError(name, repr(value), ", ".join(allowed))
 
 
-def _check_ids(
+def check_ids(
     predictions: Mapping[str, Grasps], scenes: Scenes, known_ids: Collection[str]
 ) -> None:
-    """Refuse predictions for scenes that do not exist: they hide a spelling or a wrong folder."""
+    """Refuse predictions for scenes that do not exist: they hide a spelling or a wrong folder.
+
+    Args:
+        predictions: Grasps by scene id.
+        scenes: The scenes that are judged.
+        known_ids: Further ids that are allowed.
+
+    Raises:
+        InvalidInputError: An id is unknown; the error says which names are near.
+    """
     known = {*scenes.ids, *known_ids}
     unknown = [name for name in predictions if name not in known]
     if not unknown:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from graspmap.data.files import write_text
 from graspmap.errors import FileError, InvalidInputError
+from graspmap.files import write_text
 from graspmap.geometry.grasps import Grasps
 from graspmap.metrics.intervals import check_values
 from graspmap.metrics.protocols import RectangleProtocol
@@ -115,7 +115,7 @@ class Evaluation:
         if target.suffix == ".jsonl":
             text = "".join(json.dumps(row) + "\n" for row in self.rows())
         elif target.suffix == ".csv":
-            text = _as_csv(self.rows())
+            text = as_csv(self.rows())
         else:
             raise InvalidInputError("name of the per-scene file", target.name, "*.csv or *.jsonl")
         write_text(target, text)
@@ -161,7 +161,8 @@ def _row(result: SceneResult, right: dict[float, bool]) -> dict[str, Any]:
     }
 
 
-def _as_csv(rows: Sequence[dict[str, Any]]) -> str:
+def as_csv(rows: Sequence[dict[str, Any]]) -> str:
+    """Rows of equal keys as CSV; their keys are the first line."""
     text = io.StringIO()
     writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
     writer.writeheader()

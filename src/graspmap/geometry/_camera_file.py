@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from graspmap.errors import (
-    FileError,
-    FileFormatError,
-    GraspmapWarning,
-    InvalidInputError,
-    MissingFileError,
-)
+from graspmap.errors import FileFormatError, GraspmapWarning, InvalidInputError
+from graspmap.files import read_text
 
 _REMEDY = "give a JSON or YAML file with fx, fy, cx, cy, width, height, or a ROS camera_info"
 _MATRIX_KEYS = ("K", "k", "camera_matrix")
@@ -93,15 +87,7 @@ def load(path: Path) -> Mapping[str, Any]:
     """
     import yaml
 
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (FileNotFoundError, NotADirectoryError) as error:
-        raise MissingFileError(path, "there is no such camera file", _REMEDY) from error
-    except (IsADirectoryError, UnicodeDecodeError) as error:
-        raise FileFormatError(path, "not a text file", _REMEDY) from error
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise FileError(path, f"cannot be read ({reason})", "check its permissions") from error
+    text = read_text(path)
     try:
         try:
             values = json.loads(text)
@@ -112,13 +98,3 @@ def load(path: Path) -> Mapping[str, Any]:
     if not isinstance(values, Mapping):
         raise FileFormatError(path, "no keys and values in it", _REMEDY)
     return values
-
-
-def dump(values: Mapping[str, Any], path: Path) -> None:
-    """Write JSON so that ``path`` never holds half of it."""
-    part = path.with_name(f".{path.name}.part-{os.getpid()}")
-    try:
-        part.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)

@@ -6,6 +6,7 @@ Pixel centres are at integers. Letters in shapes: ... any leading axes, the same
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspmap.errors import FileFormatError, InvalidInputError, storage_errors
+from graspmap.errors import FileFormatError, InvalidInputError
+from graspmap.files import write_text
 from graspmap.geometry._check import numbers
 from graspmap.geometry.affine import check_affine
 
@@ -192,10 +194,7 @@ class Camera:
         Raises:
             FileError: The place cannot be written to, or the disk is full.
         """
-        from graspmap.geometry._camera_file import dump
-
-        with storage_errors(path):
-            dump(self.to_dict(), Path(path))
+        write_text(Path(path), json.dumps(self.to_dict(), indent=2) + "\n")
 
 
 def _number(name: str, value: Any) -> float:

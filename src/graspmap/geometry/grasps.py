@@ -6,15 +6,15 @@ CONVENTIONS.md).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspmap.errors import InvalidInputError
 from graspmap.geometry._check import numbers
+from graspmap.geometry._rows import Rows, checked_grasps
 from graspmap.geometry.affine import check_similarity
 
 Floats = NDArray[np.float64]
@@ -55,7 +55,7 @@ def angle_difference(a: ArrayLike, b: ArrayLike) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Grasps:
+class Grasps(Rows):
     """N planar grasps of a parallel-jaw gripper, seen in an image.
 
     Args:
@@ -76,40 +76,12 @@ class Grasps:
     height: Floats
     quality: Floats = field(default=None)  # type: ignore[arg-type]  # filled in below
 
+    _fields: ClassVar[tuple[str, ...]] = ("center", "angle", "width", "height", "quality")
+
     def __post_init__(self) -> None:
-        center = numbers("center", self.center)
-        if center.size == 0:
-            center = center.reshape(0, 2)
-        if center.ndim != 2 or center.shape[1] != 2:
-            raise InvalidInputError("shape of center", center.shape, "(N, 2), rows (x, y)")
-        count = len(center)
-        arrays = [_checked("center", center, (count, 2))]
-        for name in _FIELDS[1:]:
-            unscored = name == "quality" and self.quality is None
-            array = np.ones(count) if unscored else numbers(name, getattr(self, name))
-            arrays.append(_checked(name, array, (count,)))
-        for name, sizes in zip(("width", "height"), arrays[2:4], strict=True):
-            if (sizes < 0).any():
-                raise InvalidInputError(name, float(sizes.min()), "pixels, 0 or more")
+        arrays = checked_grasps(self._fields, self._columns(), "pixels")
         arrays[1] = wrap_angle(arrays[1])
         self._keep(arrays)
-
-    def _keep(self, arrays: Iterable[Floats]) -> None:
-        for name, array in zip(_FIELDS, arrays, strict=True):
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
-
-    @classmethod
-    def _trusted(cls, arrays: Iterable[Floats]) -> Grasps:
-        """From fresh arrays that come out of checked grasps."""
-        grasps = object.__new__(cls)
-        grasps._keep(arrays)
-        return grasps
-
-    @classmethod
-    def empty(cls) -> Grasps:
-        """No grasps."""
-        return cls(np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros(0))
 
     @classmethod
     def from_corners(cls, corners: ArrayLike, quality: ArrayLike | None = None) -> Grasps:
@@ -141,16 +113,6 @@ class Grasps:
             width=np.hypot(opening[:, 0], opening[:, 1]),
             height=np.hypot(jaw[:, 0], jaw[:, 1]),
             quality=quality,  # type: ignore[arg-type]  # checked in __post_init__
-        )
-
-    @staticmethod
-    def concatenate(parts: Iterable[Grasps]) -> Grasps:
-        """All grasps of ``parts``, in order."""
-        items = [part for part in parts if len(part)]
-        if not items:
-            return Grasps.empty()
-        return Grasps._trusted(
-            np.concatenate([getattr(item, name) for item in items]) for name in _FIELDS
         )
 
     def axis(self) -> Floats:
@@ -199,57 +161,6 @@ class Grasps:
             quality=self.quality,
         )
 
-    def replace(self, **changes: ArrayLike) -> Grasps:
-        """A copy with some of center, angle, width, height, quality exchanged.
-
-        One value (for center, one point) serves all grasps.
-
-        Raises:
-            InvalidInputError: A name or a shape is wrong, or a value is not allowed in a grasp.
-        """
-        values: dict[str, Any] = {name: getattr(self, name) for name in _FIELDS}
-        unknown = changes.keys() - values.keys()
-        if unknown:
-            raise InvalidInputError("field", sorted(unknown), ", ".join(_FIELDS))
-        for name, value in changes.items():
-            array, shape = numbers(name, value), values[name].shape
-            try:
-                values[name] = np.broadcast_to(array, shape)
-            except ValueError as error:
-                raise InvalidInputError(f"shape of {name}", array.shape, str(shape)) from error
-        return Grasps(**values)
-
-    def __len__(self) -> int:
-        return len(self.angle)
-
-    def __getitem__(self, index: int | slice | NDArray[Any] | list[int]) -> Grasps:
-        """Some of the grasps; a single integer gives one grasp (N = 1)."""
-        if isinstance(index, int | np.integer):
-            if not -len(self) <= index < len(self):
-                # Python's own protocol: iteration over a sequence ends with an IndexError.
-                raise IndexError(f"grasp {index} of {len(self)}")
-            index = slice(int(index), int(index) + 1 or None)
-        elif not isinstance(index, slice):
-            index = np.asarray(index, dtype=None if len(index) else np.int64)
-            if index.ndim != 1:
-                raise InvalidInputError("shape of the index", index.shape, "one axis")
-        # Compiled code wants one kind of array: contiguous ones.
-        return Grasps._trusted(np.ascontiguousarray(getattr(self, n)[index]) for n in _FIELDS)
-
-    def __iter__(self) -> Iterator[Grasps]:
-        return (self[i] for i in range(len(self)))
-
-    def __reduce__(self) -> tuple[type[Grasps], tuple[Floats, ...]]:
-        # Through the constructor: plain unpickling would leave the arrays writeable.
-        return Grasps, tuple(getattr(self, name) for name in _FIELDS)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Grasps):
-            return NotImplemented
-        return all(np.array_equal(getattr(self, n), getattr(other, n)) for n in _FIELDS)
-
-    __hash__ = None  # type: ignore[assignment]  # arrays inside
-
     def __repr__(self) -> str:
         return (
             f"Grasps({len(self)})"
@@ -260,14 +171,3 @@ class Grasps:
                 f"height={self.height[0]:.2f}, quality={self.quality[0]:.3f})"
             )
         )
-
-
-_FIELDS = ("center", "angle", "width", "height", "quality")
-
-
-def _checked(name: str, array: Floats, shape: tuple[int, ...]) -> Floats:
-    if array.shape != shape:
-        raise InvalidInputError(f"shape of {name}", array.shape, f"{shape}, one row for each grasp")
-    if not np.isfinite(array).all():
-        raise InvalidInputError(name, "NaN or infinite in some grasp", "finite numbers")
-    return array

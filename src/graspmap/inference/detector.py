@@ -25,6 +25,7 @@ from graspmap.data.images import (
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps
+from graspmap.gripper import Gripper
 from graspmap.inference.weights import WeightsCard, load_weights
 from graspmap.maps.find import find_grasps
 from graspmap.maps.grasp_maps import GraspMaps
@@ -34,6 +35,8 @@ BACKENDS = ("torch",)
 _LARGEST_REGION = 100
 PATCH_PX = 5
 """Side of the patch around a grasp's centre whose median depth places the grasp."""
+_SPARE = 20
+"""Grasps looked at for each one asked for, where a gripper may rule some out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +121,7 @@ class Detector:
         depth: NDArray[np.floating[Any]] | None = None,
         *,
         camera: Camera | None = None,
+        gripper: Gripper | None = None,
         top: int = 1,
         region: Sequence[float] | None = None,
         mask: NDArray[np.bool_] | None = None,
@@ -132,6 +136,8 @@ class Detector:
             depth: (H, W) metres, NaN or 0 where there is none; needed by networks that look at
                 depth, and for grasps in metres.
             camera: Intrinsics of the picture; gives `position_m` and `width_m`.
+            gripper: Leaves out grasps wider than it opens (never narrower ones: it need not close
+                before it grasps), and gives the others its jaw size; needs camera and depth.
             top: How many grasps at most.
             region: (x, y, width, height) in pixels: the network looks at the square around it,
                 at its scale, and grasps are centred inside it.
@@ -147,6 +153,9 @@ class Detector:
         """
         if top < 1:
             raise InvalidInputError("top", top, "1 or more")
+        if gripper is not None and (camera is None or depth is None):
+            missing = "camera" if camera is None else "depth"
+            raise InvalidInputError(missing, "missing", "both with a gripper: it works in metres")
         shape = self._check(rgb, depth, mask, camera)
         if depth is not None:
             depth = check_depth_m(depth, "the picture")
@@ -159,7 +168,7 @@ class Detector:
         maps = self.predict(inputs[None]).item(0)
         found = find_grasps(
             maps,
-            top,
+            top if gripper is None else top * _SPARE,
             width_scale=self.card.width_scale_px,
             method=method,
             mask=_allowed(shape, region, mask, matrix, size),
@@ -170,6 +179,10 @@ class Detector:
         position_m, width_m = None, None
         if camera is not None and depth is not None:
             position_m, width_m = locate(grasps, depth, camera)
+            if gripper is not None:
+                fits = np.flatnonzero(width_m <= gripper.max_opening_m)[:top]
+                grasps, position_m, width_m = grasps[fits], position_m[fits], width_m[fits]
+                grasps = _with_jaw(grasps, position_m[:, 2], camera, gripper)
         return Detection(grasps, maps, matrix, position_m, width_m)
 
     def _check(
@@ -235,6 +248,15 @@ def locate(
     half_opening = grasps.axis() * (grasps.width / 2)[:, None]
     ends = [camera.deproject(grasps.center + sign * half_opening, z) for sign in (-1, 1)]
     return camera.deproject(grasps.center, z), np.linalg.norm(ends[1] - ends[0], axis=1)
+
+
+def _with_jaw(
+    grasps: Grasps, depth_m: NDArray[np.float64], camera: Camera, gripper: Gripper
+) -> Grasps:
+    """Each grasp with the gripper's jaw size that is nearest to the one it has, in pixels."""
+    sizes_px = np.asarray(gripper.jaw_sizes_m) * camera.fx / depth_m[:, None]
+    nearest = np.abs(sizes_px - grasps.height[:, None]).argmin(axis=1)
+    return grasps.replace(height=sizes_px[np.arange(len(grasps)), nearest])
 
 
 def _check_region(

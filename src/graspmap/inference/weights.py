@@ -17,7 +17,6 @@ from safetensors import SafetensorError
 from torch import Tensor
 
 from graspmap import __version__
-from graspmap.data.files import read_bytes, write_bytes
 from graspmap.data.images import Channels, channel_count
 from graspmap.errors import (
     FileFormatError,
@@ -25,6 +24,7 @@ from graspmap.errors import (
     InvalidInputError,
     WeightsError,
 )
+from graspmap.files import read_bytes, write_bytes
 from graspmap.networks import GraspNetwork, make_network
 
 FORMAT: Final = 1

@@ -5,8 +5,9 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from graspmap.config import parse_overrides
 from graspmap.training.experiment import Experiment
-from graspmap.training.experiment_file import parse_overrides, read_experiment
+from graspmap.training.experiment_file import read_experiment
 
 if TYPE_CHECKING:
     from graspmap.training.run import train

@@ -12,7 +12,6 @@ import io
 import json
 import logging
 import math
-import os
 import re
 import time
 from collections.abc import Callable
@@ -24,8 +23,8 @@ import torch
 from lightning.fabric.plugins.io import CheckpointIO
 from lightning.pytorch.callbacks import Callback, Checkpoint
 
-from graspmap.data.files import read_lines
-from graspmap.errors import FileFormatError, MissingFileError, storage_errors
+from graspmap.errors import FileFormatError, MissingFileError
+from graspmap.files import read_lines, write_bytes, write_text
 from graspmap.training.module import GraspModule
 from graspmap.training.state import LOSS_NAMES
 
@@ -52,32 +51,6 @@ def no_progress(title: str) -> AbstractContextManager[Callable[[int, int], None]
     """The `Progress` that tells nobody."""
     del title
     return nullcontext(_unheard)
-
-
-def replace_file(path: Path, content: bytes | Callable[[Any], object]) -> None:
-    """Write a file so that a crash at any moment leaves the old one or the new one.
-
-    Args:
-        path: The file.
-        content: What it holds, or a function that writes it into an open file.
-
-    Raises:
-        StorageFullError: The disk is full.
-        FileError: The folder may not be written to.
-    """
-    part = path.with_name(f".{path.name}.part-{os.getpid()}")
-    with storage_errors(path):
-        try:
-            with part.open("wb") as file:
-                if isinstance(content, bytes):
-                    file.write(content)
-                else:
-                    content(file)
-                file.flush()
-                os.fsync(file.fileno())
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
 
 
 def load_checkpoint(path: Path) -> dict[str, Any]:
@@ -111,7 +84,7 @@ class WholeFiles(CheckpointIO):
         # PyTorch hides a full disk in an error of its own, so its bytes go through memory.
         buffer = io.BytesIO()
         torch.save(checkpoint, buffer)
-        replace_file(Path(path), buffer.getvalue())
+        write_bytes(Path(path), buffer.getvalue(), durable=True)
 
     def load_checkpoint(
         self, path: Any, map_location: Any = None, weights_only: bool | None = None
@@ -225,12 +198,12 @@ class MetricsLog(Callback):
     def _write(self) -> None:
         # Some hundred short rows: writing all of them is the simplest way to write them whole.
         lines = "".join(json.dumps(row) + "\n" for row in self._rows)
-        replace_file(self._jsonl, lines.encode())
+        write_text(self._jsonl, lines, durable=True)
         table = io.StringIO()
         writer = csv.DictWriter(table, COLUMNS, restval="", lineterminator="\n")
         writer.writeheader()
         writer.writerows(self._rows)
-        replace_file(self._csv, table.getvalue().encode())
+        write_text(self._csv, table.getvalue(), durable=True)
 
 
 def read_rows(path: Path) -> list[dict[str, float]]:

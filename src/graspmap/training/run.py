@@ -19,6 +19,7 @@ from lightning.pytorch.utilities.exceptions import SIGTERMException
 
 from graspmap.data import channel_count
 from graspmap.errors import GraspmapError
+from graspmap.files import locked
 from graspmap.inference import DataCard, WeightsCard, load_weights, save_weights
 from graspmap.metrics import score_rectangles
 from graspmap.networks import make_network
@@ -34,7 +35,7 @@ from graspmap.training.callbacks import (
 from graspmap.training.data import GraspData, Samples
 from graspmap.training.experiment import Experiment
 from graspmap.training.module import GraspModule
-from graspmap.training.setup import Folder, Setup, choose_device, claim_folder, locked, prepare
+from graspmap.training.setup import Folder, Setup, choose_device, claim_folder, prepare
 from graspmap.training.state import RunState
 
 _SCORE = 3
@@ -83,7 +84,7 @@ def train(
     device = choose_device(experiment)
     # Wrong names are to show before the data are read.
     make_network(experiment.network.name, channel_count(experiment.network.channels))
-    with locked(folder.root), _quiet_lightning():
+    with locked(folder.root, "training"), _quiet_lightning():
         claim_folder(folder, experiment)
         setup = prepare(experiment, folder, device, progress)
         state = _last_state(folder)

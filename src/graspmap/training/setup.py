@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,6 @@ from graspmap.data import (
     read_scenes,
     read_split,
 )
-from graspmap.data.files import read_bytes
 from graspmap.errors import (
     ConfigError,
     FileError,
@@ -30,15 +28,11 @@ from graspmap.errors import (
     GraspmapError,
     storage_errors,
 )
-from graspmap.training.callbacks import Progress, replace_file
+from graspmap.files import read_bytes, remove_parts, write_text
+from graspmap.training.callbacks import Progress
 from graspmap.training.data import greatest_opening
 from graspmap.training.experiment import Experiment
 from graspmap.training.experiment_file import read_experiment
-
-try:
-    import fcntl
-except ImportError:  # no POSIX: two runs in one folder then go unnoticed
-    fcntl = None  # type: ignore[assignment]
 
 PARTS = ("train", "validation", "test")
 
@@ -121,30 +115,6 @@ class Setup:
     device: str
 
 
-@contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Make the folder, and hold it alone; the operating system lets go of it when a run dies.
-
-    Raises:
-        FileError: Another run holds it, or it cannot be made.
-    """
-    with storage_errors(folder):
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except (FileExistsError, NotADirectoryError) as error:
-            raise FileError(folder, "is no folder", "choose another one with --out") from error
-        lock = (folder / ".lock").open("w")
-    with lock:
-        if fcntl is not None:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                raise FileError(
-                    folder, "another training is running in it", "wait for it, or choose another"
-                ) from error
-        yield
-
-
 def choose_device(experiment: Experiment) -> str:
     """``"cpu"`` or ``"cuda"``.
 
@@ -193,10 +163,9 @@ def claim_folder(folder: Folder, experiment: Experiment) -> None:
             )
     with storage_errors(folder.checkpoints):
         folder.checkpoints.mkdir(exist_ok=True)
-        # What a run that was killed while writing left behind; the folder is ours alone.
-        for part in (*folder.root.glob(".*.part-*"), *folder.checkpoints.glob(".*.part-*")):
-            part.unlink(missing_ok=True)
-    replace_file(folder.experiment, experiment.to_yaml().encode())
+        for place in (folder.root, folder.checkpoints):
+            remove_parts(place)
+    write_text(folder.experiment, experiment.to_yaml(), durable=True)
 
 
 def prepare(experiment: Experiment, folder: Folder, device: str, progress: Progress) -> Setup:
@@ -219,7 +188,7 @@ def prepare(experiment: Experiment, folder: Folder, device: str, progress: Progr
     scale = greatest_opening(store, parts["train"]) if scale == "data" else float(scale)
     facts = {"store": store.key, "split": split.hash, "width_scale_px": scale}
     if not folder.facts.exists() or not folder.last.exists():
-        replace_file(folder.facts, (json.dumps(facts, indent=2) + "\n").encode())
+        write_text(folder.facts, json.dumps(facts, indent=2) + "\n", durable=True)
     elif (before := _read_facts(folder.facts)) != facts:
         changed = ", ".join(key for key in facts if facts[key] != before.get(key))
         raise FileFormatError(

@@ -1,0 +1,93 @@
+"""Which scenes a command looks at, and with which depth: shared by those that measure weights."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from graspmap.errors import FileError
+
+if TYPE_CHECKING:
+    from graspmap.data import Scenes
+    from graspmap.data.split import Split
+    from graspmap.inference import Detector
+
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """What a command looks at.
+
+    Attributes:
+        everything: All scenes of the data set.
+        scenes: Those of the part that was asked for.
+        split: The split; None where all scenes were asked for.
+        part: Name of the part.
+    """
+
+    everything: Scenes
+    scenes: Scenes
+    split: Split | None
+    part: str
+
+
+def select(
+    data: str,
+    *,
+    depth: str | None,
+    split: str | None,
+    weights: Path | None = None,
+    detector: Detector | None = None,
+) -> Selection:
+    """Open a data set, or a part of it.
+
+    Args:
+        data: ``kind:directory``.
+        depth: Which depth; None: the one that the detector was trained on, else the default.
+        split: ``NAME`` of a part of the split.json beside the weights, or ``FILE.json:NAME``;
+            None: all scenes.
+        weights: Weights file that is measured, if one is.
+        detector: The detector of those weights.
+
+    Raises:
+        FileError: The data or the split is missing, damaged, or they do not belong together.
+    """
+    from graspmap.data import KINDS, read_scenes
+
+    everything = read_scenes(data, depth=depth)
+    if depth is None and detector is not None and detector.card.data is not None:
+        trained = detector.card.data.depth
+        if trained in KINDS[everything.kind].depths:
+            _LOG.info("%s depth, as in the training; --depth takes another", trained)
+            everything = read_scenes(data, depth=trained)
+    chosen, part = _split(split, weights, everything)
+    scenes = everything if chosen is None else chosen.subset(everything, part)
+    return Selection(everything, scenes, chosen, part)
+
+
+def _split(flag: str | None, weights: Path | None, scenes: Scenes) -> tuple[Split | None, str]:
+    """The split and the part that were asked for."""
+    from graspmap.data import read_split
+
+    beside = None if weights is None else weights.with_name("split.json")
+    if flag is None:
+        if beside is not None and beside.is_file():
+            _LOG.warning(
+                "%s lies beside the weights: they may have been trained on some of these scenes; "
+                "--split test measures the others alone",
+                beside,
+            )
+        return None, ""
+    file, colon, part = flag.rpartition(":")
+    if colon:
+        return read_split(file, scenes), part
+    if beside is None or not beside.is_file():
+        raise FileError(
+            beside or "split.json",
+            "there is no split beside the weights",
+            f"name its file: --split FILE.json:{flag}",
+        )
+    return read_split(beside, scenes), flag

@@ -1,0 +1,142 @@
+"""GenerationPlan: everything that a generated data set follows from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import TypeAdapter
+
+from graspmap.errors import InvalidInputError, UnknownNameError
+from graspmap.gripper import Gripper
+from graspmap.simulation.procedural import FAMILIES, ObjectRanges
+from graspmap.simulation.render import Randomisation
+from graspmap.simulation.settings import TrialSettings
+
+PROCEDURAL = "procedural"
+"""The objects that graspmap makes up, instead of a folder of meshes."""
+
+_LEAST_JAW_PX = 1.0
+_MOST = 10**6
+
+
+@dataclass(frozen=True)
+class GenerationPlan:
+    """Everything that a generated data set follows from; the same plan gives the same bytes.
+
+    Args:
+        scenes: How many.
+        gripper: Whose grasps are tried.
+        objects: ``"procedural"``, or a folder of meshes (searched with its subfolders).
+        views: Scenes of one object (or set of objects), each with a fall, a camera, a light and
+            trials of its own.
+        clutter: Objects on the table.
+        seed: Item i (an object with its views) draws from (seed, i).
+        size_px: Side of the pictures.
+        candidates: Trials of a scene, over all jaw sizes.
+        randomisation: By how much pictures vary.
+        settings: Of the trials.
+        family: Of procedural objects: one of `FAMILIES` or of their shapes; all where None.
+        ranges: Sizes and masses of procedural objects; those that suit the gripper where None.
+        unit: Of the meshes; guessed where None.
+        fit: Scale each mesh to the gripper by EGAD's rule.
+
+    Raises:
+        InvalidInputError: A number is out of range, or the gripper does not suit the picture.
+        UnknownNameError: There is no such family.
+    """
+
+    scenes: int
+    gripper: Gripper
+    objects: Path | Literal["procedural"] = "procedural"
+    views: int = 5
+    clutter: int = 1
+    seed: int = 0
+    size_px: int = 1024
+    candidates: int = 1000
+    randomisation: Randomisation = field(default_factory=Randomisation)
+    settings: TrialSettings = field(default_factory=TrialSettings)
+    family: str | None = None
+    ranges: ObjectRanges | None = None
+    unit: str | None = None
+    fit: bool = False
+
+    def __post_init__(self) -> None:
+        limits = {
+            "scenes": (1, 10**8),
+            "views": (1, 1000),
+            "clutter": (1, 50),
+            "seed": (0, 2**32 - 1),
+            "size_px": (48, 4096),
+            "candidates": (1, _MOST),
+        }
+        for name, (low, high) in limits.items():
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+                raise InvalidInputError(name, repr(value), f"a whole number from {low} to {high}")
+        self._check_objects()
+        self._check_jaws()
+
+    def _check_objects(self) -> None:
+        if self.procedural:
+            if self.ranges is None:
+                object.__setattr__(self, "ranges", ObjectRanges.for_gripper(self.gripper))
+            if self.unit is not None or self.fit:
+                raise InvalidInputError("unit or fit", "given", "neither for procedural objects")
+            shapes = [name for family in FAMILIES.values() for name in family.shapes]
+            if self.family is not None and self.family not in [*FAMILIES, *shapes]:
+                raise UnknownNameError("family of objects", self.family, [*FAMILIES, *shapes])
+        elif self.family is not None or self.ranges is not None:
+            raise InvalidInputError("family or ranges", "given", "neither for meshes")
+
+    def _check_jaws(self) -> None:
+        """See that the gripper's jaws are neither specks nor larger than the picture."""
+        camera = self.randomisation.camera
+        side_m = math.tan(math.radians(sum(camera.field_of_view_deg) / 4)) * sum(camera.distance_m)
+        for jaw in self.gripper.jaw_sizes_m:
+            jaw_px = jaw / side_m * self.size_px
+            if not 1 <= jaw_px <= self.size_px:
+                raise InvalidInputError(
+                    f"jaw size of gripper {self.gripper.name}",
+                    f"{jaw:g} m, {jaw_px:.3g} px of a picture that shows {side_m:.2g} m",
+                    f"1 to {self.size_px} px: change the gripper, size_px or the camera's distance",
+                )
+
+    @property
+    def procedural(self) -> bool:
+        """Whether the objects are made up."""
+        return self.objects == PROCEDURAL
+
+    @property
+    def items(self) -> int:
+        """Objects (or sets of objects) that the scenes show; the last may have fewer views."""
+        return -(-self.scenes // self.views)
+
+    def views_of(self, item: int) -> int:
+        """Scenes of item number ``item``."""
+        return min(self.views, self.scenes - item * self.views)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values; the folder of meshes is not among them, since it tells nothing of them."""
+        return {
+            "scenes": self.scenes,
+            "objects": PROCEDURAL if self.procedural else "meshes",
+            "views": self.views,
+            "clutter": self.clutter,
+            "seed": self.seed,
+            "size_px": self.size_px,
+            "candidates": self.candidates,
+            "family": self.family,
+            "ranges": _plain(ObjectRanges, self.ranges) if self.ranges else None,
+            "unit": self.unit,
+            "fit": self.fit,
+            "gripper": self.gripper.to_dict(),
+            "settings": _plain(TrialSettings, self.settings),
+            "randomisation": self.randomisation.model_dump(mode="json"),
+        }
+
+
+def _plain(kind: type[Any], value: Any) -> Any:
+    return TypeAdapter(kind).dump_python(value, mode="json")

@@ -1,0 +1,339 @@
+"""The physical part of one trial: place, close, lift, hold, shake, judge.
+
+All positions are in the grasp frame: origin on the table under the middle of the opening, x along
+the opening, z up, metres. Letters in shapes: B objects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from graspmap.gripper import Gripper
+from graspmap.simulation._mujoco_model import World
+from graspmap.simulation.outcomes import Outcome
+from graspmap.simulation.settings import TrialSettings
+
+Floats = NDArray[np.float64]
+
+# Fingers this close to their end stop may have closed on nothing.
+_CLOSED_M = 0.0005
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """What is different from one attempt to the next.
+
+    Args:
+        positions: (B, 3) centre of mass of each object in the grasp frame, metres.
+        quaternions: (B, 4) turn of each object, (w, x, y, z) as MuJoCo has it.
+        tip_m: Height of the finger tips.
+        opening_m: Opening of the grasp.
+        needed_m: Least opening that touches nothing.
+        jaw_m: Size of the finger plates.
+        friction: Factor on the friction of the pads.
+        mass: Factor on the mass of the objects.
+    """
+
+    positions: Floats
+    quaternions: Floats
+    tip_m: float
+    opening_m: float
+    needed_m: float
+    jaw_m: float
+    friction: float = 1.0
+    mass: float = 1.0
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How an attempt ended; the fields are those of `TrialResult`."""
+
+    outcome: Outcome
+    reason: str
+    object_index: int | None = None
+    closed_m: float | None = None
+    grip_force_n: float | None = None
+    slip_m: float | None = None
+    lift_m: float | None = None
+
+
+Record = Callable[[str], None]
+
+
+class Attempt:
+    """One physical attempt in a world; nothing of it outlives the next `World.reset`.
+
+    Args:
+        world: World with a gripper.
+        gripper: That gripper.
+        settings: Numbers of the trial.
+        record: Called with the phase's name whenever the state has moved on.
+    """
+
+    def __init__(
+        self, world: World, gripper: Gripper, settings: TrialSettings, record: Record | None = None
+    ) -> None:
+        assert world.gripper is not None
+        self._world, self._gripper, self._settings = world, gripper, settings
+        self._model, self._data, self._parts = world.model, world.data, world.gripper
+        self._record = record
+        # Who belongs to a finger: 0 right, 1 left, -1 neither.
+        self._finger = np.full(len(world.owner), -1, dtype=np.intp)
+        self._finger[self._parts.geoms] = (0, 1)
+
+    def run(self, start: Start) -> Ending:
+        """Everything from closing to the verdict."""
+        ending = self._place(start) or self._close()
+        if ending is not None:
+            return ending
+        closed_m, (index, force) = self._opening(), self._grasped()
+        if index is None:
+            return Ending(Outcome.EMPTY, "the fingers closed on nothing", None, closed_m, 0.0)
+        held = _Held(self, index, start, closed_m, force)
+        for phase in (self._lift, self._hold, self._shake):
+            lost = phase(held)
+            if lost is not None:
+                return lost
+        return held.verdict()
+
+    def _place(self, start: Start) -> Ending | None:
+        """Objects on the table, open fingers around them; None where that is possible."""
+        margin = 2 * self._settings.start_margin_m
+        near = max(self._gripper.min_opening_m, start.needed_m + margin)
+        for opening in dict.fromkeys((min(start.opening_m, near), start.opening_m)):
+            self._set(start, opening)
+            mujoco.mj_fwdPosition(self._model, self._data)
+            depth = self._penetration()
+            if depth <= self._settings.start_penetration_m:
+                return None
+        return Ending(
+            Outcome.COLLIDED,
+            f"convex pieces of the object reach {depth * 1000:.1f} mm into the open gripper",
+        )
+
+    def _set(self, start: Start, opening_m: float) -> None:
+        world, data, parts = self._world, self._data, self._parts
+        world.reset()
+        world.set_jaw(start.jaw_m)
+        if start.friction != 1.0:
+            world.scale_friction(start.friction)
+        if start.mass != 1.0:
+            world.scale_mass(start.mass)
+        for number, at in enumerate(world.body_q):
+            data.qpos[at : at + 3] = start.positions[number]
+            data.qpos[at + 3 : at + 7] = start.quaternions[number]
+        data.qpos[parts.base_q] = start.tip_m
+        data.qpos[parts.finger_q] = opening_m / 2
+        data.ctrl[:] = -self._gripper.closing_speed_m_s
+
+    def _penetration(self) -> float:
+        """How far anything reaches into the gripper, metres."""
+        contact = self._data.contact
+        if not self._data.ncon:
+            return 0.0
+        # The table is not an object either, but it meets only objects.
+        gripper = (self._world.owner[contact.geom] < 0).any(axis=1) & (contact.geom > 0).all(axis=1)
+        return float(-contact.dist[gripper].min(initial=0.0))
+
+    def advance(self, phase: str) -> None:
+        """Time goes on until the next look at the state."""
+        mujoco.mj_step(self._model, self._data, self._settings.steps_a_check)
+        if self._record is not None:
+            self._record(phase)
+
+    def _close(self) -> Ending | None:
+        """Close until both fingers have stopped."""
+        settings, data, parts = self._settings, self._data, self._parts
+        free_s = data.qpos[parts.finger_q[0]] / self._gripper.closing_speed_m_s
+        checks = round((free_s + settings.close_extra_s) / settings.check_s)
+        still = 0
+        for _ in range(checks):
+            self.advance("close")
+            if self._opening() < self._gripper.min_opening_m + _CLOSED_M:
+                if not self.forces().any():
+                    closed = self._opening()
+                    return Ending(Outcome.EMPTY, "the fingers closed on nothing", None, closed, 0.0)
+                break
+            stopped = (np.abs(data.qvel[parts.finger_v]) < settings.stall_speed_m_s).all()
+            still = still + 1 if stopped else 0
+            if still >= settings.stall_checks:
+                break
+        return self._unstable()
+
+    def _unstable(self) -> Ending | None:
+        if self._world.unstable():
+            return Ending(Outcome.SLIPPED, "the simulation became unstable")
+        return None
+
+    def _lift(self, held: _Held) -> Ending | None:
+        data, at = self._data, self._parts.base_v
+        inertia = float(self._model.dof_M0[at])
+        for rate in self._settings.lift_accelerations():
+            data.qfrc_applied[at] = inertia * rate
+            self.advance("lift")
+            if held.lost():
+                return self._unstable() or held.verdict()
+        data.qfrc_applied[at] = data.qvel[at] = 0.0
+        return None
+
+    def _hold(self, held: _Held) -> Ending | None:
+        for _ in range(round(self._settings.hold_s / self._settings.check_s)):
+            self.advance("hold")
+            if held.lost():
+                return self._unstable() or held.verdict()
+        return self._unstable()
+
+    def _shake(self, held: _Held) -> Ending | None:
+        shake = self._settings.shake
+        if shake is None:
+            return None
+        gravity, step = self._model.opt.gravity, self._settings.timestep_s
+        steps = self._settings.steps_a_check
+        for check in range(round(shake.duration_s / (steps * step))):
+            for number in range(check * steps, (check + 1) * steps):
+                gravity[:] = shake.gravity(number * step)
+                mujoco.mj_step(self._model, self._data)
+            if self._record is not None:
+                self._record("shake")
+            if held.lost():
+                return self._unstable() or held.verdict(" when shaken")
+        gravity[:] = shake.gravity(0.0)
+        return self._hold(held)
+
+    def _opening(self) -> float:
+        return float(self._data.qpos[self._parts.finger_q].sum())
+
+    def forces(self) -> Floats:
+        """(2, B) normal force of the right and the left finger on each object, newton."""
+        total = np.zeros((2, len(self._world.bodies)))
+        data = self._data
+        if not data.ncon:
+            return total
+        pairs = data.contact.geom
+        finger = self._finger[pairs].max(axis=1)
+        index = self._world.owner[pairs].max(axis=1)
+        active = (finger >= 0) & (index >= 0) & (data.contact.efc_address >= 0)
+        address = data.contact.efc_address[active]
+        np.add.at(total, (finger[active], index[active]), data.efc_force[address])
+        return total
+
+    def _grasped(self) -> tuple[int | None, float]:
+        """The object that both fingers press on (else the one they press most), and how much."""
+        forces = self.forces()
+        if not forces.any():
+            return None, 0.0
+        both = forces.min(axis=0)
+        index = int(np.argmax(both if both.any() else forces.sum(axis=0)))
+        return index, float(forces[:, index].mean())
+
+    def on_table(self, index: int) -> bool:
+        """Whether an object touches the table."""
+        if not self._data.ncon:
+            return False
+        pairs = self._data.contact.geom
+        table = (pairs == 0).any(axis=1)
+        return bool((table & (self._world.owner[pairs] == index).any(axis=1)).any())
+
+
+class _Held:
+    """The object in the hand, from the moment that the fingers have closed."""
+
+    def __init__(
+        self, attempt: Attempt, index: int, start: Start, closed_m: float, force_n: float
+    ) -> None:
+        self._attempt, self._index = attempt, index
+        self._world, self._data = attempt._world, attempt._data
+        self._settings = attempt._settings
+        self._start, self._closed_m, self._force_n = start, closed_m, force_n
+        self._body = int(self._world.bodies[index])
+        assert self._world.gripper is not None
+        self._base = self._world.gripper.base_q
+        point = self._pinch()
+        position, turn = self._data.xpos[self._body], self._data.xmat[self._body].reshape(3, 3)
+        # The point of the object that lies between the fingers, in the object's own frame.
+        self._point = turn.T @ (point - position)
+        self._place = self._in_hand()
+        self._highest_m = -np.inf
+
+    def _pinch(self) -> Floats:
+        """Middle of what the fingers hold: the mean of their contacts with the object."""
+        data, attempt = self._data, self._attempt
+        pairs = data.contact.geom
+        finger = attempt._finger[pairs].max(axis=1)
+        mine = self._world.owner[pairs].max(axis=1) == self._index
+        sides = [data.contact.pos[mine & (finger == side)] for side in (0, 1)]
+        point = np.mean([side.mean(axis=0) for side in sides if len(side)], axis=0)
+        return np.asarray(point)
+
+    def _in_hand(self) -> Floats:
+        """Where the pinched point is now, seen from the gripper, metres."""
+        turn = self._data.xmat[self._body].reshape(3, 3)
+        now = self._data.xpos[self._body] + turn @ self._point
+        now[2] -= self._data.qpos[self._base]
+        return np.asarray(now)
+
+    def slip(self) -> float:
+        """How far the pinched point has moved in the hand, metres."""
+        return float(np.linalg.norm(self._in_hand() - self._place))
+
+    def rise(self, index: int | None = None) -> float:
+        """How far the centre of mass of this or another object has risen, metres."""
+        index = self._index if index is None else index
+        body = self._world.bodies[index]
+        return float(self._data.xpos[body, 2] - self._start.positions[index, 2])
+
+    def lost(self) -> bool:
+        """Whether the verdict is certain already."""
+        self._highest_m = max(self._highest_m, self.rise())
+        return self.slip() > self._settings.max_slip_m
+
+    def verdict(self, when: str = "") -> Ending:
+        """Held or not, and why."""
+        outcome, reason = self._judge()
+        return Ending(
+            outcome,
+            reason + when,
+            self._index,
+            self._closed_m,
+            self._force_n,
+            self.slip(),
+            self.rise(),
+        )
+
+    def _judge(self) -> tuple[Outcome, str]:
+        settings, slip = self._settings, self.slip()
+        right, left = self._attempt.forces()[:, self._index] > 0
+        on_table = self._attempt.on_table(self._index)
+        if not (right and left):
+            if self._highest_m > settings.left_table_m:
+                return Outcome.DROPPED, f"it fell after it had risen {self._highest_m * 1e3:.0f} mm"
+            return Outcome.SLIPPED, "the fingers slid off before it left the table"
+        if slip > settings.max_slip_m:
+            return Outcome.SLIPPED, f"it slid {slip * 1e3:.0f} mm through the fingers"
+        if on_table:
+            return Outcome.SLIPPED, "a part of it still lies on the table"
+        speed = self._speed()
+        if speed > settings.max_speed_m_s:
+            return Outcome.SLIPPED, f"it still slides at {speed * 1e3:.0f} mm/s"
+        return Outcome.HELD, "it hangs between both fingers" + self._company()
+
+    def _speed(self) -> float:
+        """Speed of the pinched point in the hand, m/s."""
+        data, at = self._data, self._world.body_v[self._index]
+        # MuJoCo has the turning speed of a free body in the body's own frame.
+        arm = data.xmat[self._body].reshape(3, 3) @ np.cross(
+            data.qvel[at + 3 : at + 6], self._point
+        )
+        return float(np.linalg.norm(data.qvel[at : at + 3] + arm))
+
+    def _company(self) -> str:
+        others = range(len(self._world.bodies))
+        rose = [
+            i for i in others if i != self._index and self.rise(i) > self._settings.left_table_m
+        ]
+        return f"; object {', '.join(map(str, rose))} came along" if rose else ""

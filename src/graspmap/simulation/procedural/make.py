@@ -1,0 +1,112 @@
+"""Object ``index`` of ``seed``: drawn from a mixture of families, always the same."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from graspmap.errors import InvalidInputError, UnknownNameError
+from graspmap.simulation.objects import ObjectModel
+from graspmap.simulation.procedural import (
+    extrusions,
+    handled,
+    primitives,
+    revolutions,
+    shells,
+    tools,
+)
+from graspmap.simulation.procedural.draw import Draw
+from graspmap.simulation.procedural.ranges import ObjectRanges
+from graspmap.simulation.procedural.solid import Solid, volume
+from graspmap.simulation.solids import object_from_solid
+
+Builder = Callable[[Draw], Solid]
+
+
+@dataclass(frozen=True)
+class Family:
+    """Shapes of one kind.
+
+    Args:
+        weight: Share of the mixture that comes from this family.
+        shapes: Builder of each shape, by name; each is as likely as the others.
+    """
+
+    weight: float
+    shapes: Mapping[str, Builder]
+
+
+FAMILIES: dict[str, Family] = {
+    "primitive": Family(0.15, primitives.SHAPES),
+    "extrusion": Family(0.22, extrusions.SHAPES),
+    "revolution": Family(0.16, revolutions.SHAPES),
+    "handled": Family(0.12, handled.SHAPES),
+    "tool": Family(0.1, tools.SHAPES),
+    "shell": Family(0.12, shells.SHAPES),
+}
+"""The families by name; a new family is one module, and one line here."""
+
+
+def make_object(
+    seed: int, index: int, *, ranges: ObjectRanges | None = None, family: str | None = None
+) -> ObjectModel:
+    """Object ``index`` of ``seed``, whichever were made before, in any process.
+
+    Args:
+        seed: Of the whole set, >= 0.
+        index: Of the object, >= 0.
+        ranges: Sizes and masses; the defaults where None. Other ranges give other objects.
+        family: One of `FAMILIES`, or one of their shapes ("mug"); any where None.
+
+    Returns:
+        The object; its id is the shape's name and the index, such as ``mug-000123``.
+
+    Raises:
+        InvalidInputError: Seed or index is not a whole number >= 0.
+        UnknownNameError: There is no such family or shape.
+    """
+    for name, value in (("seed", seed), ("index", index)):
+        whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+        if not whole or value < 0:
+            raise InvalidInputError(name, repr(value), "a whole number, >= 0")
+    draw = Draw(np.random.default_rng((seed, index)), ranges or ObjectRanges())
+    shape, build = _choose(draw, family)
+    solid = _within(build(draw), draw)
+    return object_from_solid(
+        f"{shape}-{index:06d}",
+        solid.vertices,
+        solid.faces,
+        solid.pieces,
+        mass_kg=_mass(draw, volume(solid.vertices, solid.faces)),
+    )
+
+
+def _choose(draw: Draw, family: str | None) -> tuple[str, Builder]:
+    number = draw.rng.random()  # drawn in any case: a family of its own changes nothing else
+    if family is None:
+        shares = np.cumsum([f.weight for f in FAMILIES.values()])
+        place = int(np.searchsorted(shares, number * shares[-1], side="right"))
+        family = list(FAMILIES)[min(place, len(FAMILIES) - 1)]
+    if family in FAMILIES:
+        return draw.choice(list(FAMILIES[family].shapes.items()))
+    shapes = {name: build for f in FAMILIES.values() for name, build in f.shapes.items()}
+    if family not in shapes:
+        raise UnknownNameError("family", str(family), [*FAMILIES, *shapes])
+    return family, shapes[family]
+
+
+def _within(solid: Solid, draw: Draw) -> Solid:
+    """Scaled as little as brings its longest side into the range."""
+    low, high = draw.ranges.longest_m
+    longest = float(solid.extents.max())
+    if low <= longest <= high:
+        return solid
+    factor = min(max(longest, low), high) / longest
+    return solid.stretched(factor, factor, factor)
+
+
+def _mass(draw: Draw, volume_m3: float) -> float:
+    low, high = draw.ranges.mass_kg
+    return min(max(draw.even_log(*draw.ranges.density_kg_m3) * volume_m3, low), high)

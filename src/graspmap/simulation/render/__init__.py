@@ -1,0 +1,31 @@
+"""Pictures of a tabletop: colour, depth, mask, normals, and depth as a stereo camera sees it."""
+
+from graspmap.simulation.render.appearance import (
+    Appearance,
+    plain_appearance,
+    sample_appearance,
+)
+from graspmap.simulation.render.randomisation import Randomisation, load_randomisation
+from graspmap.simulation.render.render import Rendering, render
+from graspmap.simulation.render.view import (
+    OutOfViewError,
+    View,
+    check_in_view,
+    jacquard_view,
+    sample_view,
+)
+
+__all__ = [
+    "Appearance",
+    "OutOfViewError",
+    "Randomisation",
+    "Rendering",
+    "View",
+    "check_in_view",
+    "jacquard_view",
+    "load_randomisation",
+    "plain_appearance",
+    "render",
+    "sample_appearance",
+    "sample_view",
+]

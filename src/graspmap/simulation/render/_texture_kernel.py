@@ -1,0 +1,343 @@
+"""Compiled patterns: the colour of a surface at a point, from integers, products and roots alone.
+
+Nothing here is taken from the C library (sine, power), whose last bits differ between processors.
+
+Letters in shapes: a *surface* is a row of numbers as `graspmap.simulation.render._pack` makes it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+PATTERNS = (
+    "plain",
+    "stripes",
+    "checker",
+    "noise",
+    "wood",
+    "speckle",
+    "marble",
+    "patches",
+    "picture",
+    "planks",
+    "cloth",
+    "tiles",
+)
+"""Names of the patterns; their places here are the numbers that the compiled code knows."""
+
+PLAIN, STRIPES, CHECKER, NOISE, WOOD, SPECKLE, MARBLE, PATCHES, PICTURE = range(9)
+PLANKS, CLOTH, TILES = range(9, 12)
+
+# Places in the row of a surface.
+PATTERN, SCALE, SEED, CONTRAST, COLOUR, SECOND, THIRD = 0, 1, 2, 3, 4, 7, 10
+ROUGHNESS, REFLECTANCE, METAL, GLASS, AXIS, WIDTH, HEIGHT, OFFSET = 13, 14, 15, 16, 17, 20, 21, 22
+LENGTH = 23
+"""Numbers in a row."""
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def hashed(x: int, y: int, z: int, seed: int) -> int:
+    """31 bits that look random, from four whole numbers."""
+    mask = np.int64(0xFFFFFFFF)
+    h = (x * 374761393 + y * 668265263 + z * 1103515245 + seed * 974634777) & mask
+    h = ((h ^ (h >> 15)) * 739982445) & mask
+    h = ((h ^ (h >> 12)) * 695872825) & mask
+    h = h ^ (h >> 15)
+    return h & 0x7FFFFFFF
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def chance(x: int, y: int, z: int, seed: int) -> float:
+    """A number in [0, 1) from four whole numbers."""
+    return hashed(x, y, z, seed) * (1.0 / 2147483648.0)
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _smooth(t: float) -> float:
+    """0 to 1 with level ends."""
+    return t * t * (3.0 - 2.0 * t)
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _step(edge: float, soft: float, x: float) -> float:
+    """0 below an edge, 1 above, rising over ``soft``."""
+    return _smooth(min(max((x - edge) / soft + 0.5, 0.0), 1.0))
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _wave(x: float) -> float:
+    """A smooth wave of period 1 between 0 and 1."""
+    t = x - math.floor(x)
+    return _smooth(2.0 * t if t < 0.5 else 2.0 - 2.0 * t)
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _noise(x: float, y: float, z: float, seed: int) -> float:
+    """Smooth noise between 0 and 1 with bumps of size 1."""
+    fx, fy, fz = math.floor(x), math.floor(y), math.floor(z)
+    i, j, k = int(fx), int(fy), int(fz)
+    u, v, w = _smooth(x - fx), _smooth(y - fy), _smooth(z - fz)
+    out = 0.0
+    for c in range(2):
+        a = chance(i, j, k + c, seed)
+        b = chance(i + 1, j, k + c, seed)
+        d = chance(i, j + 1, k + c, seed)
+        e = chance(i + 1, j + 1, k + c, seed)
+        flat = (a + (b - a) * u) + ((d + (e - d) * u) - (a + (b - a) * u)) * v
+        out += flat * (w if c else 1.0 - w)
+    return out
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _flat_noise(x: float, y: float, seed: int) -> float:
+    """The same on a plane."""
+    fx, fy = math.floor(x), math.floor(y)
+    i, j = int(fx), int(fy)
+    u, v = _smooth(x - fx), _smooth(y - fy)
+    a, b = chance(i, j, 0, seed), chance(i + 1, j, 0, seed)
+    d, e = chance(i, j + 1, 0, seed), chance(i + 1, j + 1, 0, seed)
+    low = a + (b - a) * u
+    return low + ((d + (e - d) * u) - low) * v
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _clouds(x: float, y: float, z: float, seed: int, pixel: float) -> float:
+    """Noise over several sizes, 0 to 1; sizes below two pixels are left out."""
+    total, weight, size = 0.0, 0.5, 1.0
+    for octave in range(4):
+        if octave and size < 2.0 * pixel:
+            break
+        total += weight * (_noise(x / size, y / size, z / size, seed + octave) - 0.5)
+        weight, size = weight * 0.5, size * 0.5
+    return min(max(0.5 + 1.4 * total, 0.0), 1.0)
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _flat_clouds(x: float, y: float, seed: int, pixel: float) -> float:
+    """The same on a plane."""
+    total, weight, size = 0.0, 0.5, 1.0
+    for octave in range(5):
+        if octave and size < 2.0 * pixel:
+            break
+        total += weight * (_flat_noise(x / size, y / size, seed + octave) - 0.5)
+        weight, size = weight * 0.5, size * 0.5
+    return min(max(0.5 + 1.4 * total, 0.0), 1.0)
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _spots(x: float, y: float, z: float, seed: int, flat: bool) -> Any:
+    """Whether a point lies on one of many spots, one in each cell, and a number of the spot."""
+    i, j, k = math.floor(x), math.floor(y), math.floor(z)
+    for a in range(-1, 2):
+        for b in range(-1, 2):
+            for c in range(0 if flat else -1, 1 if flat else 2):
+                p, q, r = int(i) + a, int(j) + b, 0 if flat else int(k) + c
+                radius = 0.12 + 0.28 * chance(p, q, r, seed + 3)
+                dx = x - (p + chance(p, q, r, seed))
+                dy = y - (q + chance(p, q, r, seed + 1))
+                dz = 0.0 if flat else z - (r + chance(p, q, r, seed + 2))
+                if dx * dx + dy * dy + dz * dz < radius * radius:
+                    return True, chance(p, q, r, seed + 4)
+    return False, 0.0
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _cell(x: float, y: float, z: float, seed: int) -> float:
+    """A number of the patch in which a point lies; patches surround scattered points."""
+    i, j, k = int(math.floor(x)), int(math.floor(y)), int(math.floor(z))
+    nearest, found = np.inf, 0.0
+    for a in range(-1, 2):
+        for b in range(-1, 2):
+            for c in range(-1, 2):
+                p, q, r = i + a, j + b, k + c
+                dx = x - (p + chance(p, q, r, seed))
+                dy = y - (q + chance(p, q, r, seed + 1))
+                dz = z - (r + chance(p, q, r, seed + 2))
+                away = dx * dx + dy * dy + dz * dz
+                if away < nearest:
+                    nearest, found = away, chance(p, q, r, seed + 3)
+    return found
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _mix(surface: Floats, t: float, tone: float) -> Any:
+    """Between first and second colour, times a tone."""
+    c = surface
+    return (
+        (c[COLOUR] + (c[SECOND] - c[COLOUR]) * t) * tone,
+        (c[COLOUR + 1] + (c[SECOND + 1] - c[COLOUR + 1]) * t) * tone,
+        (c[COLOUR + 2] + (c[SECOND + 2] - c[COLOUR + 2]) * t) * tone,
+    )
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _third(surface: Floats) -> Any:
+    return surface[THIRD], surface[THIRD + 1], surface[THIRD + 2]
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def solid_colour(surface: Floats, x: float, y: float, z: float, pixel: float) -> Any:
+    """Linear red, green, blue of an object at a point of its own space.
+
+    Args:
+        surface: Row of numbers.
+        x: Metres, as are y and z.
+        y: See x.
+        z: See x.
+        pixel: Size of a pixel there, metres; finer detail is left out.
+    """
+    pattern, seed, scale = int(surface[PATTERN]), int(surface[SEED]), surface[SCALE]
+    offset = surface[OFFSET]
+    x, y, z, pixel = x / scale + offset, y / scale + offset, z / scale + offset, pixel / scale
+    ax, ay, az = surface[AXIS], surface[AXIS + 1], surface[AXIS + 2]
+    along = ax * x + ay * y + az * z
+    if pattern == STRIPES:
+        t = along - math.floor(along)
+        soft = max(pixel, 0.02)
+        return _mix(surface, _step(0.25, soft, t) - _step(0.75, soft, t), 1.0)
+    if pattern == CHECKER:
+        odd = (int(math.floor(x)) + int(math.floor(y)) + int(math.floor(z))) & 1
+        return _mix(surface, float(odd), 1.0)
+    if pattern == NOISE:
+        t = _clouds(x, y, z, seed, pixel)
+        return _mix(surface, _step(0.5, 0.5, t), 1.0)
+    if pattern == WOOD:
+        px, py, pz = x - along * ax, y - along * ay, z - along * az
+        bend = _noise(0.5 * x, 0.5 * y, 0.5 * z, seed)
+        rings = math.sqrt(px * px + py * py + pz * pz) * 1.5 + 1.2 * bend
+        t = rings - math.floor(rings)
+        fibre = _noise(6.0 * px + 0.4 * along, 6.0 * py, 6.0 * pz, seed + 1)
+        return _mix(surface, 0.85 * t * t, 0.85 + 0.3 * (fibre if pixel < 0.1 else 0.5))
+    if pattern == SPECKLE:
+        spot, number = _spots(2.0 * x, 2.0 * y, 2.0 * z, seed, False)
+        if not spot:
+            return _mix(surface, 0.0, 1.0)
+        return _mix(surface, 1.0, 1.0) if number < 0.6 else _third(surface)
+    if pattern == MARBLE:
+        t = _wave(0.6 * along + 2.2 * _clouds(x, y, z, seed, pixel))
+        return _mix(surface, t * t * t, 1.0)
+    if pattern == PATCHES:
+        number = _cell(x, y, z, seed)
+        if number < 0.4:
+            return _mix(surface, 0.0, 1.0)
+        return _mix(surface, 1.0, 1.0) if number < 0.75 else _third(surface)
+    return _mix(surface, 0.0, 1.0)
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _planks(surface: Floats, x: float, y: float, seed: int, pixel: float) -> Any:
+    """Boards of wood, side by side, each with a grain of its own."""
+    row = math.floor(y)
+    board = math.floor(x / 6.0 + chance(int(row), 0, 0, seed))
+    number = hashed(int(row), int(board), 1, seed) & 0xFFFF
+    shift = float(number & 0xFF)
+    away = y - row
+    bend = _flat_noise(0.45 * x + shift, 1.3 * y, seed + 1)
+    grain = _wave(3.0 * away + 2.6 * bend + shift)
+    fibre = _flat_noise(1.6 * x + shift, 34.0 * y, seed + 2) if pixel < 0.03 else 0.5
+    t = 0.6 * grain * grain + 0.4 * fibre
+    tone = 0.88 + 0.24 * ((number >> 8) / 255.0)
+    red, green, blue = _mix(surface, t, tone)
+    gap = 0.012 + pixel
+    ends = (x / 6.0 + chance(int(row), 0, 0, seed)) - board
+    joint = min(away, 1.0 - away) / gap
+    butt = min(ends, 1.0 - ends) * 6.0 / gap
+    dark = 0.45 + 0.55 * min(joint, butt, 1.0)
+    return red * dark, green * dark, blue * dark
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _cloth(surface: Floats, x: float, y: float, seed: int, pixel: float) -> Any:
+    """Threads over and under each other; where they are finer than pixels, their mean."""
+    i, j = math.floor(x), math.floor(y)
+    over = (int(i) + int(j)) & 1
+    across = y - j if over else x - i
+    along = x - i if over else y - j
+    round_ = 1.0 - 1.6 * (across - 0.5) * (across - 0.5) * 2.0
+    dip = 1.0 - 1.2 * (along - 0.5) * (along - 0.5)
+    shade = round_ * dip
+    seen = min(max(1.6 - 2.4 * pixel, 0.0), 1.0)
+    thread = chance(0 if over else int(i), int(j) if over else 0, over, seed)
+    slub = 0.7 + 0.3 * seen * (2.0 * thread - 1.0) * 0.5
+    tone = (0.72 + seen * (shade - 0.72)) * slub * 1.55
+    wear = _flat_clouds(0.02 * x, 0.02 * y, seed + 5, 0.02 * pixel)
+    return _mix(surface, 0.35 * wear + (0.65 if over else 0.0) * (0.5 + 0.5 * seen), tone)
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _tiles(surface: Floats, x: float, y: float, seed: int, pixel: float) -> Any:
+    """Square tiles with joints."""
+    i, j = math.floor(x), math.floor(y)
+    edge = min(x - i, 1.0 - (x - i), y - j, 1.0 - (y - j))
+    joint = _step(0.025, 0.012 + pixel, edge)
+    tone = 0.93 + 0.14 * chance(int(i), int(j), 0, seed)
+    cloud = _flat_clouds(3.0 * x, 3.0 * y, seed + (hashed(int(i), int(j), 1, seed) & 63), 3 * pixel)
+    red, green, blue = _mix(surface, 0.35 * cloud, tone)
+    third_red, third_green, third_blue = _third(surface)
+    return (
+        third_red + (red - third_red) * joint,
+        third_green + (green - third_green) * joint,
+        third_blue + (blue - third_blue) * joint,
+    )
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def table_colour(surface: Floats, x: float, y: float, pixel: float) -> Any:
+    """Linear red, green, blue of the table at a point (x, y), metres; see `solid_colour`."""
+    pattern, seed, scale = int(surface[PATTERN]), int(surface[SEED]), surface[SCALE]
+    cos, sin = surface[AXIS], surface[AXIS + 1]
+    x, y = (cos * x + sin * y) / scale, (cos * y - sin * x) / scale
+    x, y, pixel = x + 100.0 + surface[OFFSET], y + 100.0 + surface[OFFSET], pixel / scale
+    if pattern == PLANKS:
+        return _planks(surface, x, y, seed, pixel)
+    if pattern == CLOTH:
+        return _cloth(surface, x, y, seed, pixel)
+    if pattern == TILES:
+        return _tiles(surface, x, y, seed, pixel)
+    if pattern == NOISE:
+        return _mix(surface, _flat_clouds(x, y, seed, pixel), 1.0)
+    if pattern == MARBLE:
+        t = _wave(0.5 * x + 0.3 * y + 2.4 * _flat_clouds(x, y, seed, pixel))
+        return _mix(surface, t * t * t * t, 0.95 + 0.1 * _flat_noise(0.5 * x, 0.5 * y, seed + 9))
+    if pattern == SPECKLE:
+        spot, number = _spots(x, y, 0.0, seed, True)
+        if spot:
+            return _mix(surface, 1.0, 0.8 + 0.4 * number) if number < 0.6 else _third(surface)
+        return _mix(surface, 0.0, 1.0)
+    return _mix(surface, 0.15 * _flat_clouds(x, y, seed, pixel), 1.0)
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def picture_colour(
+    picture: NDArray[np.float32], start: int, width: int, height: int, u: float, v: float
+) -> Any:
+    """Linear red, green, blue of an object's own picture, between its four nearest pixels.
+
+    Args:
+        picture: (pixels, 3) all pictures, one after the other, rows from above.
+        start: First pixel of this one.
+        width: Columns of this one.
+        height: Rows of this one.
+        u: Position, 0 at the left edge and 1 at the right; it repeats beyond.
+        v: Position, 0 at the lower edge and 1 at the upper.
+    """
+    x, y = u * width - 0.5, (1.0 - v) * height - 0.5
+    fx, fy = math.floor(x), math.floor(y)
+    i, j, a, b = int(fx), int(fy), x - fx, y - fy
+    left, right = i % width, (i + 1) % width
+    top, bottom = start + (j % height) * width, start + ((j + 1) % height) * width
+    p, q = picture[top + left], picture[top + right]
+    r, s = picture[bottom + left], picture[bottom + right]
+    wp, wq, wr, ws = (1.0 - a) * (1.0 - b), a * (1.0 - b), (1.0 - a) * b, a * b
+    return (
+        wp * p[0] + wq * q[0] + wr * r[0] + ws * s[0],
+        wp * p[1] + wq * q[1] + wr * r[1] + ws * s[1],
+        wp * p[2] + wq * q[2] + wr * r[2] + ws * s[2],
+    )
