@@ -6,6 +6,7 @@ import struct
 
 import numpy as np
 import pytest
+import trimesh
 
 from graspmap.data import Scene, write_jacquard
 from graspmap.doctor import examine
@@ -327,7 +328,14 @@ def ply(form):
     )
 
 
+def by_trimesh(form):
+    content = trimesh.creation.box((0.1, 0.1, 0.1)).export(file_type=form)
+    return content if isinstance(content, bytes) else content.encode()
+
+
 FORMS = {
+    "a.glb": lambda: by_trimesh("glb"),
+    "a.off": lambda: by_trimesh("off"),
     "a.obj": obj,
     "b.stl": stl_binary,
     "c.stl": stl_text,
@@ -356,6 +364,45 @@ def test_damaged_meshes_are_named(tmp_path, name):
             continue  # text that ends early may still be a whole mesh
         with pytest.raises(FileFormatError, match=name):
             read_mesh(tmp_path / name)
+
+
+def test_a_mesh_whose_comments_are_no_unicode(tmp_path):
+    (tmp_path / "a.obj").write_bytes(b"# Gr\xf6\xdfe in Metern\no B\xe4r\n" + obj())
+    assert read_mesh(tmp_path / "a.obj").extents == pytest.approx([0.1] * 3)
+
+
+@pytest.mark.parametrize("bad", ["nan", "inf"])
+def test_a_mesh_with_vertices_that_are_none(tmp_path, bad):
+    (tmp_path / "a.obj").write_text(f"v {bad} 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises(FileFormatError, match="NaN or infinite"):
+        read_mesh(tmp_path / "a.obj")
+
+
+@pytest.mark.parametrize(
+    "content", ["# nothing\n", "v 0 0 0\nv 1 0 0\nv 0 1 0\n", "v 0 0 0\nl 1 1\n"]
+)
+def test_a_mesh_without_faces(tmp_path, content):
+    (tmp_path / "a.obj").write_text(content)
+    with pytest.raises(FileFormatError, match="no faces"):
+        read_mesh(tmp_path / "a.obj")
+
+
+def test_one_mesh_and_all_its_parts(tmp_path):
+    scene = trimesh.Scene()
+    for x in (0.0, 0.3):
+        box = trimesh.creation.box((0.1, 0.1, 0.1))
+        scene.add_geometry(box, transform=trimesh.transformations.translation_matrix([x, 0, 0]))
+    (tmp_path / "two.glb").write_bytes(scene.export(file_type="glb"))
+    report = examine(f"meshes:{tmp_path / 'two.glb'}")
+    (item,) = report.to_dict()["items"].values()
+    assert item["extents"] == pytest.approx([0.4, 0.1, 0.1])
+    assert (item["faces"], item["closed"]) == (24, True)
+
+
+def test_a_flat_point_is_complained_about(tmp_path):
+    (tmp_path / "a.obj").write_text("v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n")
+    for root in (tmp_path, tmp_path / "a.obj"):
+        assert "no extent" in named(examine(f"meshes:{root}"), tmp_path / "a.obj")[0]
 
 
 def test_meshes_with_a_hole_are_told_apart(tmp_path):

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from graspmap.data import Scene, Scenes, read_scenes
     from graspmap.errors import GraspmapError
     from graspmap.geometry import Camera, Grasps, RigidTransform, TableGrasps, pairwise_iou
+    from graspmap.gripper import Gripper, load_gripper
     from graspmap.inference import Detection, Detector
     from graspmap.maps import GraspMaps, draw_maps, find_grasps
 
@@ -25,12 +26,14 @@ __all__ = [
     "GraspMaps",
     "GraspmapError",
     "Grasps",
+    "Gripper",
     "RigidTransform",
     "Scene",
     "Scenes",
     "TableGrasps",
     "draw_maps",
     "find_grasps",
+    "load_gripper",
     "pairwise_iou",
     "read_scenes",
 ]
@@ -42,12 +45,14 @@ _HOME = {
     "GraspMaps": "maps",
     "Grasps": "geometry",
     "GraspmapError": "errors",
+    "Gripper": "gripper",
     "RigidTransform": "geometry",
     "Scene": "data",
     "Scenes": "data",
     "TableGrasps": "geometry",
     "draw_maps": "maps",
     "find_grasps": "maps",
+    "load_gripper": "gripper",
     "pairwise_iou": "geometry",
     "read_scenes": "data",
 }

@@ -31,6 +31,9 @@ COMMANDS = {
     "detect": "find grasps in one picture",
     "train": "train a network as an experiment file says",
     "evaluate": "measure weights or predictions against labelled grasps",
+    "trial": "try grasps in simulated physics: which of them hold?",
+    "generate": "make labelled scenes for a gripper: pictures, and grasps tried in physics",
+    "gripper": "show a gripper's profile to scale, or start one of your own",
     "doctor": "look through a data set, meshes or weights, and say what is there",
     "weights": "bring other people's weights into graspmap's own format",
 }

@@ -79,11 +79,14 @@ def run(argv: Sequence[str]) -> int:
     output_file(flags.json, "--json", keep=[flags.weights, flags.predictions])
     if flags.seed < 0:
         raise InvalidInputError("--seed", flags.seed, "0 or more")
-    detector = _detector(flags)
     chosen = select(
-        flags.data, depth=flags.depth, split=flags.split, weights=flags.weights, detector=detector
+        flags.data,
+        depth=flags.depth,
+        split=flags.split,
+        weights=flags.weights,
+        device=flags.device,
     )
-    scenes, split = chosen.scenes, chosen.split
+    scenes, split, detector = chosen.scenes, chosen.split, chosen.detector
     result = _measure(flags, detector, scenes, chosen.everything)
     if flags.out is not None and detector is not None:
         _write_predictions(flags.out / "predictions.txt", result, scenes)
@@ -96,15 +99,6 @@ def run(argv: Sequence[str]) -> int:
         summary = {**summary, "split": {"part": chosen.part, "hash": split.hash}}
     write_json(summary, flags.json)
     return 0
-
-
-def _detector(flags: Evaluate) -> Detector | None:
-    """The detector to measure; None where predictions are."""
-    if flags.weights is None:
-        return None
-    from graspmap.inference import Detector
-
-    return Detector.load(flags.weights, device=flags.device)
 
 
 def _measure(

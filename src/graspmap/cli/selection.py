@@ -26,12 +26,14 @@ class Selection:
         scenes: Those of the part that was asked for.
         split: The split; None where all scenes were asked for.
         part: Name of the part.
+        detector: The detector of the weights that are measured; None where there are none.
     """
 
     everything: Scenes
     scenes: Scenes
     split: Split | None
     part: str
+    detector: Detector | None
 
 
 def select(
@@ -40,9 +42,9 @@ def select(
     depth: str | None,
     split: str | None,
     weights: Path | None = None,
-    detector: Detector | None = None,
+    device: str = "cpu",
 ) -> Selection:
-    """Open a data set, or a part of it.
+    """Open a data set, or a part of it, and the weights that are measured on it.
 
     Args:
         data: ``kind:directory``.
@@ -50,14 +52,20 @@ def select(
         split: ``NAME`` of a part of the split.json beside the weights, or ``FILE.json:NAME``;
             None: all scenes.
         weights: Weights file that is measured, if one is.
-        detector: The detector of those weights.
+        device: Where its network runs.
 
     Raises:
-        FileError: The data or the split is missing, damaged, or they do not belong together.
+        FileError: Data, weights or split are missing, damaged, or do not belong together.
+        InvalidInputError: The device is not available.
     """
     from graspmap.data import KINDS, read_scenes
 
     everything = read_scenes(data, depth=depth)
+    detector = None
+    if weights is not None:
+        from graspmap.inference import Detector
+
+        detector = Detector.load(weights, device=device)
     if depth is None and detector is not None and detector.card.data is not None:
         trained = detector.card.data.depth
         if trained in KINDS[everything.kind].depths:
@@ -65,7 +73,7 @@ def select(
             everything = read_scenes(data, depth=trained)
     chosen, part = _split(split, weights, everything)
     scenes = everything if chosen is None else chosen.subset(everything, part)
-    return Selection(everything, scenes, chosen, part)
+    return Selection(everything, scenes, chosen, part, detector)
 
 
 def _split(flag: str | None, weights: Path | None, scenes: Scenes) -> tuple[Split | None, str]:

@@ -175,15 +175,17 @@ def _predictions(flags: Trial) -> tuple[Selection, dict[str, Grasps]]:
 
         given = read_predictions(flags.predictions)
         return chosen, file_predictions(given, chosen.scenes, chosen.everything.ids)
-    from graspmap.inference import Detector
-
-    detector = Detector.load(flags.weights, device=flags.device)
     chosen = select(
-        flags.data, depth=flags.depth, split=flags.split, weights=flags.weights, detector=detector
+        flags.data,
+        depth=flags.depth,
+        split=flags.split,
+        weights=flags.weights,
+        device=flags.device,
     )
+    assert chosen.detector is not None  # there are weights
     with progress("detecting") as update:
         top = flags.top or 1
-        return chosen, predict_scenes(detector, chosen.scenes, top=top, progress=update)
+        return chosen, predict_scenes(chosen.detector, chosen.scenes, top=top, progress=update)
 
 
 def _try(

@@ -57,16 +57,17 @@ class Mesh:
 
 
 def examine_meshes(root: Path, *, progress: Update = nothing, **_: Any) -> Report:
-    """Look through a folder of object models.
+    """Look through object models.
 
     Args:
-        root: The folder; subfolders too.
+        root: A folder (subfolders too) or one file.
         progress: Called with (done, total).
 
     Raises:
         DatasetNotFoundError: There is no mesh file.
     """
-    paths = sorted(p for p in root.rglob("*") if p.suffix.lower() in MESH_SUFFIXES)
+    paths = [root] if root.is_file() else sorted(root.rglob("*"))
+    paths = [path for path in paths if path.suffix.lower() in MESH_SUFFIXES]
     if not paths:
         raise DatasetNotFoundError(
             root,
@@ -83,7 +84,7 @@ def examine_meshes(root: Path, *, progress: Update = nothing, **_: Any) -> Repor
             report.complain(path, error.problem)
             continue
         uses = mesh.edge_uses()
-        items[str(path.relative_to(root))] = {
+        items[path.name if path == root else str(path.relative_to(root))] = {
             "vertices": len(mesh.vertices),
             "faces": len(mesh.faces),
             "extents": mesh.extents,
@@ -126,7 +127,8 @@ def _sizes(report: Report, items: dict[str, dict[str, Any]]) -> None:
     report.say("surface", text, closed=len(items) - len(opened), touching=touching)
     for name, item in items.items():
         if not item["extents"].max() > 0:
-            report.complain(report.root / name, "has no extent: all its vertices coincide")
+            path = report.root if report.root.is_file() else report.root / name
+            report.complain(path, "has no extent: all its vertices coincide")
 
 
 def _unit(median: float) -> tuple[str, str]:

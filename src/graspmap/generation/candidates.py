@@ -33,11 +33,12 @@ LEVELS = 8
 """Heights at which opposite sides are looked for."""
 
 _DEPTHS = (0.1, 0.3, 0.5, 0.7, 0.9)
+_DECIMALS = 7
 _LEAST_OPENING_M = 0.005
 _PAD_CELLS = 12
 _BLUR_CELLS = 1.5
 _TRIES = 6
-_MOST_HEIGHTS = 4000
+_FULL_EDGE_M = 0.01
 
 
 def propose_grasps(
@@ -85,8 +86,10 @@ def propose_grasps(
         return TableGrasps.empty()
     pairs = _antipodal(height_map, gripper, sizes, round(count * antipodal_share), rng)
     others = _random(height_map, gripper, sizes, count - len(pairs), rng)
-    rows = np.concatenate([pairs, others])[rng.permutation(count)]
-    return TableGrasps(rows[:, :2], rows[:, 2], rows[:, 3], rows[:, 4])
+    # Sines differ between machines in their last bits; rounded, the grasps do not.
+    rows = np.round(np.concatenate([pairs, others]), _DECIMALS)[rng.permutation(count)]
+    width = np.clip(rows[:, 3], gripper.min_opening_m, gripper.max_opening_m)
+    return TableGrasps(rows[:, :2], rows[:, 2], width, rows[:, 4])
 
 
 def _random(
@@ -129,14 +132,16 @@ class _Cut:
     normals: Floats
 
 
-def _cut(mask: NDArray[np.bool_]) -> _Cut:
-    """Borders of a mask that does not reach the edge of its array."""
+def _cut(heights: NDArray[np.float32], level: float, depth_m: float) -> _Cut:
+    """Cut a padded height map; the borders are those less than ``depth_m`` below their top."""
     from scipy.ndimage import gaussian_filter
 
+    mask = heights > level
     down, right = np.gradient(gaussian_filter(mask.astype(np.float32), _BLUR_CELLS))
+    reached = mask & (heights <= level + depth_m)
     borders, normals = [], []
     for step in ((0, 1), (0, -1), (1, 0), (-1, 0)):
-        row, column = np.nonzero(mask & ~np.roll(mask, (-step[0], -step[1]), axis=(0, 1)))
+        row, column = np.nonzero(reached & ~np.roll(mask, (-step[0], -step[1]), axis=(0, 1)))
         beside = (row + step[0], column + step[1])
         # In a wall one cell thick the slope vanishes: its outer neighbour still knows the side.
         normal = np.stack(
@@ -151,14 +156,22 @@ def _cut(mask: NDArray[np.bool_]) -> _Cut:
 
 
 def _levels(heights: NDArray[np.float32], gripper: Gripper) -> Floats:
-    """(LEVELS,) heights between the tips and the top of what they would go down around; or none."""
+    """(at most LEVELS,) heights that the tips reach beside edges, more where more edges are."""
     low = gripper.table_clearance_m + 0.001
-    tops = heights[heights > low].astype(np.float64)
-    tops = tops[:: len(tops) // _MOST_HEIGHTS + 1]
+    drop = np.zeros(heights.shape, np.float32)
+    for shift, axis in ((1, 0), (-1, 0), (1, 1), (-1, 1)):
+        np.maximum(drop, heights - np.roll(heights, shift, axis), out=drop)
+    edges = (drop > 0) & (heights > low)
+    tops = heights[edges].astype(np.float64)
     if not len(tops):
         return np.zeros(0)
-    reached = tops - gripper.max_depth_m * np.array(_DEPTHS)[:, None]
-    return np.quantile(np.maximum(reached, low), (np.arange(LEVELS) + 0.5) / LEVELS)
+    reached = np.maximum(tops - gripper.max_depth_m * np.array(_DEPTHS)[:, None], low).ravel()
+    order = np.argsort(reached, kind="stable")
+    # A step of a centimetre is as good an edge as any.
+    weight = np.tile(np.minimum(drop[edges], _FULL_EDGE_M), len(_DEPTHS))[order]
+    passed = np.cumsum(weight, dtype=np.float64)
+    wanted = (np.arange(LEVELS) + 0.5) / LEVELS * passed[-1]
+    return np.asarray(reached[order][np.searchsorted(passed, wanted)])
 
 
 def _antipodal(
@@ -170,8 +183,8 @@ def _antipodal(
     levels, repeats = np.unique(_levels(heights, gripper), return_counts=True)
     ends = (count * np.cumsum(repeats) / LEVELS).round().astype(int)
     for level, share in zip(levels, np.diff(ends, prepend=0), strict=True):
-        if share:
-            cut = _cut(heights > level)
+        cut = _cut(heights, float(level), gripper.max_depth_m)
+        if share and len(cut.borders):
             found.append(_pairs(cut, height_map, gripper, rng.choice(jaws, _TRIES * share), rng))
             found[-1] = found[-1][:share]
     return np.concatenate(found)

@@ -60,6 +60,7 @@ class MeshEntry:
 
     Args:
         file: Its path below the folder of the meshes.
+        hash: Of its content.
         id: Name of the object made from it.
         files: Hash of the model file, by path; empty where the mesh is refused.
         problem: Why it is refused; "" where it is not.
@@ -67,6 +68,7 @@ class MeshEntry:
     """
 
     file: str
+    hash: str
     id: str
     files: dict[str, str] = field(default_factory=dict)
     problem: str = ""

@@ -24,7 +24,6 @@ from graspmap.generation.ledger import file_hash, staging_folder
 from graspmap.generation.plan import GenerationPlan
 from graspmap.generation.scene_file import RecordedObject, SceneRecord, versions, write_record
 from graspmap.generation.sources import Fingerprint
-from graspmap.simulation.objects import ObjectModel
 from graspmap.simulation.render import (
     OutOfViewError,
     check_in_view,
@@ -104,17 +103,17 @@ def make_item(
         StorageFullError: The disk is full.
         FileError: A file cannot be read or written.
     """
-    pick = pick_objects(plan, meshes, attempt.item, attempt.number)
-    models = pick.models(root)
+    pick = pick_objects(plan, meshes, root, attempt.item, attempt.number)
     staging = staging_folder(root, attempt.item)
     with storage_errors(staging):
         shutil.rmtree(staging, ignore_errors=True)
     rejects: Counter[str] = Counter()
     scenes = []
+    last: UnsettledError | OutOfViewError | NothingHoldsError
     for view in range(plan.views_of(attempt.item)):
         for number in range(TRIES):
             try:
-                made = make_scene(plan, pick, models, attempt, view, number)
+                made = make_scene(plan, pick, attempt, view, number)
             except (UnsettledError, OutOfViewError, NothingHoldsError) as error:
                 rejects[_reason(error)] += 1
                 last = error
@@ -122,7 +121,7 @@ def make_item(
             scenes.append(_write(made, staging))
             break
         else:
-            names = tuple(dict.fromkeys(model.id for model in models))
+            names = tuple(dict.fromkeys(model.id for model in pick.models))
             return Rejected(_reason(last), names, str(last), dict(rejects))
     return ItemEntry(attempt.item, tuple(scenes), dict(rejects), pick.part)
 
@@ -130,7 +129,6 @@ def make_item(
 def make_scene(
     plan: GenerationPlan,
     pick: Pick,
-    models: Sequence[ObjectModel],
     attempt: Attempt,
     view: int,
     number: int,
@@ -139,8 +137,7 @@ def make_scene(
 
     Args:
         plan: The plan.
-        pick: Names and sources of the objects.
-        models: The objects.
+        pick: The objects.
         attempt: Item and attempt.
         view: Number of the scene within the item.
         number: Of the try.
@@ -153,7 +150,7 @@ def make_scene(
     seed = (plan.seed, attempt.item, attempt.number, view, number)
     # Streams of their own: more candidates leave the pictures as they are.
     fall, eye, look, sensor, grasps = np.random.default_rng(seed).spawn(5)
-    tabletop = settle(models, fall)
+    tabletop = settle(pick.models, fall)
     where = sample_view(plan.randomisation, eye, plan.size_px)
     check_in_view(tabletop, where)
     appearance = sample_appearance(tabletop, plan.randomisation, look)
@@ -168,7 +165,9 @@ def make_scene(
         settings=plan.settings,
     )
     if not len(labels.positives):
-        raise NothingHoldsError("no grasp holds" if labels.trials else "no candidate", labels.trials)
+        raise NothingHoldsError(
+            "no grasp holds" if labels.trials else "no candidate", labels.trials
+        )
     name = f"{attempt.item * plan.views + view}_{pick.name}"
     return GeneratedScene(
         scene=Scene(
@@ -207,9 +206,7 @@ def make_scene(
 def _write(made: GeneratedScene, staging: Path) -> SceneEntry:
     """Write a scene's files below the staging folder."""
     words = [outcome.value for outcome in made.labels.failures]
-    picture = write_jacquard(
-        made.scene, staging, stereo_depth=made.stereo_depth, outcomes=words
-    )
+    picture = write_jacquard(made.scene, staging, stereo_depth=made.stereo_depth, outcomes=words)
     write_record(made.record, picture.parent)
     files = sorted(picture.parent.glob(f"{made.scene.id}_*"))
     return SceneEntry(
@@ -221,7 +218,7 @@ def _write(made: GeneratedScene, staging: Path) -> SceneEntry:
     )
 
 
-def _reason(error: GraspmapError) -> str:
+def _reason(error: UnsettledError | OutOfViewError | NothingHoldsError) -> str:
     if isinstance(error, OutOfViewError):
         return "larger than the picture"
-    return f"unsettled: {error.reason}" if isinstance(error, UnsettledError) else str(error.reason)  # type: ignore[attr-defined]
+    return f"unsettled: {error.reason}" if isinstance(error, UnsettledError) else error.reason

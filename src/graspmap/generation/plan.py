@@ -15,7 +15,7 @@ from graspmap.simulation.procedural import FAMILIES, ObjectRanges
 from graspmap.simulation.render import Randomisation
 from graspmap.simulation.settings import TrialSettings
 
-PROCEDURAL = "procedural"
+PROCEDURAL: Literal["procedural"] = "procedural"
 """The objects that graspmap makes up, instead of a folder of meshes."""
 
 _LEAST_JAW_PX = 1.0

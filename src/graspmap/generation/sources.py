@@ -26,17 +26,19 @@ class ProceduralSource(_Strict):
     Attributes:
         seed: Seed of the family.
         index: Number of the object.
+        family: What it was drawn from; None for all families.
         ranges: How large, thin and heavy objects may be.
     """
 
     kind: Literal["procedural"] = "procedural"
     seed: int
     index: int
+    family: str | None
     ranges: ObjectRanges
 
     def model(self, id: str, folder: Path) -> ObjectModel:  # noqa: ARG002  # as the other sources
         """Make the object; ``folder`` is not looked at."""
-        return make_object(self.seed, self.index, ranges=self.ranges)
+        return make_object(self.seed, self.index, ranges=self.ranges, family=self.family)
 
 
 class MeshSource(_Strict):
@@ -45,7 +47,7 @@ class MeshSource(_Strict):
     Attributes:
         file: Its path below the folder of the meshes.
         hash: BLAKE2b of its content.
-        model: The model file that was made from it, seen from the record of a scene.
+        model_file: The model file that was made from it, seen from the record of a scene.
     """
 
     kind: Literal["mesh"] = "mesh"

@@ -105,7 +105,7 @@ class Gripper:
 
     def words(self) -> tuple[str, ...]:
         """What the numbers mean, one sentence each, in millimetres."""
-        jaws = ", ".join(f"{1000 * jaw:g}" for jaw in self.jaw_sizes_m)
+        jaws = ", ".join(f"{1000 * jaw:.4g}" for jaw in self.jaw_sizes_m)
         touch = {
             "fail": "the grasp fails",
             "stop": f"it stops {1000 * self.touch_gap_m:g} mm above that and closes there",
@@ -113,7 +113,8 @@ class Gripper:
         return (
             f"opens from {1000 * self.min_opening_m:g} to {1000 * self.max_opening_m:g} mm, each "
             f"finger at {1000 * self.closing_speed_m_s:g} mm/s",
-            f"jaw sizes {jaws} mm, of which {self.jaw_contact_share:.0%} touch",
+            f"jaw size{'s' * (len(self.jaw_sizes_m) > 1)} {jaws} mm; the pads "
+            f"are {100 * self.jaw_contact_share:g} % of that",
             f"presses with {self.force_n:g} N on each side, friction {self.friction:g} (torsional "
             f"{1000 * self.torsional_friction_m:g} mm)",
             f"tips go at most {1000 * self.max_depth_m:g} mm below what lies between them and stay "

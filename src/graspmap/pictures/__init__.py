@@ -5,6 +5,7 @@ All pictures are (H, W, 3) uint8 RGB arrays; OpenCV loads at the first one.
 
 from graspmap.pictures.draw import draw_grasps, encode, write_text
 from graspmap.pictures.fields import color_bar, depth_picture, map_picture
+from graspmap.pictures.gripper import gripper_picture
 from graspmap.pictures.sheet import Tile, contact_sheet, overlay
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "depth_picture",
     "draw_grasps",
     "encode",
+    "gripper_picture",
     "map_picture",
     "overlay",
     "write_text",

@@ -22,6 +22,8 @@ _TABLE: Color = (150, 130, 100)
 _SIDE = 96  # px left free beside each view for its measures
 _TOP = 104
 _LINE = 26
+_SMALL = 0.42  # size of the letters of measures
+_WHOLE = 1.3  # height of body and flange, in heights of the body
 _AHEAD = 5  # px, half the width of an arrow's head
 _SHIFT = 4  # cv2 takes coordinates in 1/16 pixel
 
@@ -48,9 +50,9 @@ def gripper_picture(gripper: Gripper, *, width: int = 1280) -> Picture:
         max(gripper.palm_size_m[1], gripper.jaw_sizes_m[-1]),
     )
     scale = (width - 6 * _SIDE) / sum(spans)
-    scale = min(scale, 0.6 * width / (gripper.finger_length_m + body))
+    scale = min(scale, 0.6 * width / (gripper.finger_length_m + _WHOLE * body))
     below = 64 + _LINE * max(2, len(gripper.jaw_sizes_m))
-    bottom = _TOP + 40 + round(scale * (body + gripper.finger_length_m)) + below
+    bottom = _TOP + 40 + round(scale * (_WHOLE * body + gripper.finger_length_m)) + below
     words = gripper.words()
     picture = np.full((bottom + _LINE * (len(words) + 1), width, 3), PAPER, dtype=np.uint8)
     title = f"{gripper.name}{': ' if gripper.description else ''}{gripper.description}"
@@ -59,7 +61,7 @@ def gripper_picture(gripper: Gripper, *, width: int = 1280) -> Picture:
     middle, views = 0.0, []
     for span in spans:
         middle += free + scale * span / 2
-        views.append(_View(picture, middle, _TOP + 40 + scale * body, scale))
+        views.append(_View(picture, middle, _TOP + 40 + scale * _WHOLE * body, scale))
         middle += scale * span / 2 + free
     _front(views[0], gripper, gripper.max_opening_m, "open")
     _front(views[1], gripper, gripper.min_opening_m, "closed")
@@ -99,16 +101,25 @@ class _View:
             cv2.polylines(self._picture, [points], True, rim, 1, cv2.LINE_AA, _SHIFT)
 
     def across(
-        self, u: tuple[float, float], v: float, away: float, text: str, color: Color = _MEASURE
-    ) -> None:
-        """A level measure from u[0] to u[1], ``away`` pixels below v (above, where negative)."""
+        self, u: tuple[float, float], v: float, away: float, text: str, color: Color = _MEASURE,
+        beside: float | None = None,
+    ) -> None:  # fmt: skip
+        """A level measure from u[0] to u[1], ``away`` pixels below v (above, where negative).
+
+        Its words stand over or under it; where there is no room below, or ``beside`` gives a u,
+        at its right.
+        """
         (x0, y0), (x1, _) = self._pixel(u[0], v), self._pixel(u[1], v)
         y = y0 + away
         for x in (x0, x1):
             self._line((x, y0 + np.sign(away) * 4), (x, y + np.sign(away) * 5), _MEASURE)
         self._arrows((x0, y), (x1, y), color)
-        at = y + 18 if away > 0 else y - 9
-        self._text(text, (x0 + x1) / 2, at, color)
+        width = text_width(text, _SMALL)
+        if beside is None and (away < 0 or x1 - x0 > width + 8):
+            self.write(text, (x0 + x1) / 2, y + 18 if away > 0 else y - 9, color)
+        else:
+            right = x1 if beside is None else self._pixel(beside, v)[0]
+            self.write(text, right + 24 + width / 2, y + 5, color)
 
     def down(self, v: tuple[float, float], u: float, away: float, text: str) -> None:
         """An upright measure from v[0] to v[1], ``away`` pixels right of u (left: negative)."""
@@ -117,8 +128,8 @@ class _View:
         for y in (y0, y1):
             self._line((x0 + np.sign(away) * 4, y), (x + np.sign(away) * 5, y), _MEASURE)
         self._arrows((x, y0), (x, y1), _MEASURE)
-        half = text_width(text, 0.42) / 2 + 9
-        self._text(text, x + np.sign(away) * half, (y0 + y1) / 2 + 5, _MEASURE)
+        half = text_width(text, _SMALL) / 2 + 9
+        self.write(text, x + np.sign(away) * half, (y0 + y1) / 2 + 5, _MEASURE)
 
     def level(self, u: tuple[float, float], v: float, color: Color) -> None:
         """A dashed level line."""
@@ -128,10 +139,18 @@ class _View:
 
     def caption(self, text: str) -> None:
         """Words over the view."""
-        self._text(text, self._x, _TOP - 26, INK, size=0.55)
+        self.write(text, self._x, _TOP - 26, INK, size=0.55)
 
-    def _text(self, text: str, x: float, y: float, color: Color, size: float = 0.42) -> None:
-        left = min(max(4, x - text_width(text, size) / 2), self._picture.shape[1] - 4)
+    def label(self, text: str, u: tuple[float, float], v: tuple[float, float]) -> None:
+        """Words in the middle of a rectangle, if they fit."""
+        (x0, y0), (x1, y1) = self._pixel(u[0], v[0]), self._pixel(u[1], v[1])
+        if x1 - x0 > text_width(text, _SMALL) + 8 and y1 - y0 > 18:
+            self.write(text, (x0 + x1) / 2, (y0 + y1) / 2 + 5, _TABLE)
+
+    def write(self, text: str, x: float, y: float, color: Color, size: float = _SMALL) -> None:
+        """Words with their middle at column x, on row y."""
+        width = text_width(text, size)
+        left = min(max(4.0, x - width / 2), self._picture.shape[1] - width - 4.0)
         write_text(self._picture, text, (left, y), size=size, color=color)
 
     def _arrows(self, a: tuple[float, float], b: tuple[float, float], color: Color) -> None:
@@ -157,7 +176,8 @@ class _View:
         cv2.line(self._picture, *ends, color, 1, cv2.LINE_AA, shift=_SHIFT)
 
     def _pixel(self, u: float, v: float) -> tuple[float, float]:
-        return self._x + self._scale * u, self._y + self._scale * v
+        # Whole pixels: lines that run between two of them are pale and blurred.
+        return round(self._x + self._scale * u), round(self._y + self._scale * v)
 
     def _fixed(self, x: float, y: float) -> tuple[int, int]:
         return round(x * 2**_SHIFT), round(y * 2**_SHIFT)
@@ -166,6 +186,12 @@ class _View:
 def _body_height(gripper: Gripper) -> float:
     """Height at which the body above the palm is drawn; no profile says how high it is."""
     return float(np.clip(0.4 * gripper.finger_length_m, 0.02, 0.05))
+
+
+def _draw_body(view: _View, palm: float, height: float) -> None:
+    """What carries the fingers, and the flange on top of it."""
+    view.box((-palm / 5, palm / 5), (-_WHOLE * height, -height), _METAL)
+    view.box((-palm / 2, palm / 2), (-height, 0), _BODY)
 
 
 def _front(view: _View, gripper: Gripper, opening: float, name: str) -> None:
@@ -177,12 +203,14 @@ def _front(view: _View, gripper: Gripper, opening: float, name: str) -> None:
     if is_open:
         top = tip - gripper.max_depth_m
         table = tip + gripper.table_clearance_m
-        view.box((-0.6 * inner, 0.6 * inner), (top, table), _OBJECT, None)
+        held = (-0.6 * inner, 0.6 * inner), (top, table)
+        view.box(*held, _OBJECT, None)
+        view.label("object", *held)
         view.level((-inner, inner), top, _TABLE)
         view.box((-wide, wide), (table, table), None, _TABLE)
     if outer > palm / 2:  # what the fingers slide along reaches beyond the palm
         view.box((-outer, outer), (-0.3 * body, 0), _METAL)
-    view.box((-palm / 2, palm / 2), (-body, 0), _BODY)
+    _draw_body(view, palm, body)
     for side in (-1, 1):
         a, b = sorted((side * inner, side * outer))
         view.box((a, b), (0, tip), _METAL)
@@ -192,7 +220,7 @@ def _front(view: _View, gripper: Gripper, opening: float, name: str) -> None:
     view.caption(name)
     view.across((-inner, inner), tip, 30, _mm(opening), OPENING)
     if is_open:
-        view.across((-palm / 2, palm / 2), -body, -16, f"palm {_mm(palm)}")
+        view.across((-palm / 2, palm / 2), -_WHOLE * body, -14, f"palm {_mm(palm)}")
         view.down((0, tip), -wide, -22, _mm(tip))
         view.down((tip - gripper.max_depth_m, tip), wide, 22, _mm(gripper.max_depth_m))
     else:
@@ -203,16 +231,17 @@ def _side(view: _View, gripper: Gripper) -> None:
     """The gripper seen along its opening."""
     tip, palm, body = gripper.finger_length_m, gripper.palm_size_m[1], _body_height(gripper)
     jaws = gripper.jaw_sizes_m
-    view.box((-palm / 2, palm / 2), (-body, 0), _BODY)
+    _draw_body(view, palm, body)
     for jaw in reversed(jaws):
         view.box((-jaw / 2, jaw / 2), (0, tip), _METAL)
     for jaw in reversed(jaws):
         half = gripper.jaw_contact_share * jaw / 2
         view.box((-half, half), (tip - gripper.max_depth_m, tip), _shade(jaws.index(jaw)), None)
     view.caption("from the side")
-    view.across((-palm / 2, palm / 2), -body, -16, f"palm {_mm(palm)}")
+    view.across((-palm / 2, palm / 2), -_WHOLE * body, -14, f"palm {_mm(palm)}")
     for number, jaw in enumerate(jaws):
-        view.across((-jaw / 2, jaw / 2), tip, 30 + 32 * number, f"jaw {_mm(jaw)}", JAW)
+        text = f"jaw {_mm(jaw)}"
+        view.across((-jaw / 2, jaw / 2), tip, 30 + _LINE * number, text, JAW, jaws[-1] / 2)
 
 
 def _shade(number: int) -> Color:
@@ -230,7 +259,7 @@ def _ruler(picture: Picture, scale: float, y: float) -> None:
         u = -length / 2 + part * length / 5
         fill = INK if part % 2 == 0 else PAPER
         view.box((u, u + length / 5), (0, 6 / scale), fill)
-    view.across((-length / 2, length / 2), 0, -1, _mm(length), INK)
+    view.write(_mm(length), picture.shape[1] - 60 - scale * length / 2, y - 8, INK)
 
 
 def _mm(metres: float) -> str:

@@ -6,6 +6,7 @@ the opening, z up, metres. Letters in shapes: B objects.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -129,7 +130,8 @@ class Attempt:
             data.qpos[at + 3 : at + 7] = start.quaternions[number]
         data.qpos[parts.base_q] = start.tip_m
         data.qpos[parts.finger_q] = opening_m / 2
-        data.ctrl[:] = -self._gripper.closing_speed_m_s
+        data.act[0] = start.tip_m
+        data.ctrl[:2] = -self._gripper.force_n
 
     def _penetration(self) -> float:
         """How far anything reaches into the gripper, metres."""
@@ -143,6 +145,9 @@ class Attempt:
     def advance(self, phase: str) -> None:
         """Time goes on until the next look at the state."""
         mujoco.mj_step(self._model, self._data, self._settings.steps_a_check)
+        self._look(phase)
+
+    def _look(self, phase: str) -> None:
         if self._record is not None:
             self._record(phase)
 
@@ -171,14 +176,21 @@ class Attempt:
         return None
 
     def _lift(self, held: _Held) -> Ending | None:
-        data, at = self._data, self._parts.base_v
-        inertia = float(self._model.dof_M0[at])
-        for rate in self._settings.lift_accelerations():
-            data.qfrc_applied[at] = inertia * rate
-            self.advance("lift")
+        data, settings = self._data, self._settings
+        step, count = settings.timestep_s, settings.steps_a_check
+        speed = 0.0
+        for rate in settings.lift_accelerations():
+            for _ in range(count if rate else 0):
+                data.ctrl[2:] = speed + rate * step / 2
+                speed += rate * step
+                mujoco.mj_step(self._model, data)
+            if not rate:
+                data.ctrl[2:] = speed
+                mujoco.mj_step(self._model, data, count)
+            self._look("lift")
             if held.lost():
                 return self._unstable() or held.verdict()
-        data.qfrc_applied[at] = data.qvel[at] = 0.0
+        data.ctrl[2:] = 0.0
         return None
 
     def _hold(self, held: _Held) -> Ending | None:
@@ -198,8 +210,7 @@ class Attempt:
             for number in range(check * steps, (check + 1) * steps):
                 gravity[:] = shake.gravity(number * step)
                 mujoco.mj_step(self._model, self._data)
-            if self._record is not None:
-                self._record("shake")
+            self._look("shake")
             if held.lost():
                 return self._unstable() or held.verdict(" when shaken")
         gravity[:] = shake.gravity(0.0)
@@ -279,7 +290,8 @@ class _Held:
 
     def slip(self) -> float:
         """How far the pinched point has moved in the hand, metres."""
-        return float(np.linalg.norm(self._in_hand() - self._place))
+        x, y, z = (self._in_hand() - self._place).tolist()
+        return math.sqrt(x * x + y * y + z * z)
 
     def rise(self, index: int | None = None) -> float:
         """How far the centre of mass of this or another object has risen, metres."""

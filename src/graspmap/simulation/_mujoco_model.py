@@ -28,12 +28,10 @@ Floats = NDArray[np.float64]
 # the gripper only objects.
 _TABLE, _GRIPPER = 1, 2
 _PALM_THICKNESS_M = 0.02
-# Inertia of the base along z: so great that no load moves it, it follows its path exactly.
-_BASE_INERTIA_KG = 1e5
-# What one unit of the solver's tolerance refers to; a fixed number, or the base would set it.
-_MEAN_INERTIA = 0.2
-# The servo asks for this many times the force at standstill, so that it presses with all of it.
-_SERVO_GAIN = 4.0
+# The base follows its path on a spring, critically damped, about as stiff as an arm: it gives way
+# by 1 mm to 20 N. A rigid one would wedge slanted things against the table with any force.
+_BASE_MASS_KG = 4.0
+_BASE_STIFFNESS_N_M = 20000.0
 _ROLLING_FRICTION_M = 1e-4
 # Fingers are tied to each other as stiffly as the coarsest time step allows.
 _COUPLING_TIME_S = 0.004
@@ -152,7 +150,6 @@ def compile_world(
         raise InvalidInputError(
             f"shape of {names}", str(error).splitlines()[0], "solid convex pieces with a mass"
         ) from error
-    model.stat.meaninertia = _MEAN_INERTIA
     return _index(model, len(objects), gripper)
 
 
@@ -166,7 +163,8 @@ def _empty(numerics: Numerics) -> Any:
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     option.iterations = numerics.solver_iterations
-    option.ls_iterations = 20
+    # Friction cones need more than the usual steps of the line search, or verdicts become noise.
+    option.ls_iterations = 50
     option.tolerance = numerics.solver_tolerance
     option.impratio = numerics.impratio
     option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
@@ -207,8 +205,8 @@ def _add_gripper(spec: Any, gripper: Gripper, numerics: Numerics) -> None:
     slide = mujoco.mjtJoint.mjJNT_SLIDE
     base = spec.worldbody.add_body(name="base", gravcomp=1.0)
     base.explicitinertial = 1
-    base.mass, base.inertia = 1.0, [1.0, 1.0, 1.0]
-    base.add_joint(name="base", type=slide, axis=[0, 0, 1], armature=_BASE_INERTIA_KG)
+    base.mass, base.inertia = _BASE_MASS_KG, [1.0, 1.0, 1.0]
+    base.add_joint(name="base", type=slide, axis=[0, 0, 1])
     length, thick = gripper.finger_length_m, gripper.finger_thickness_m
     palm = base.add_geom(name="palm", type=mujoco.mjtGeom.mjGEOM_BOX)
     palm.size = [*(np.asarray(gripper.palm_size_m) / 2), _PALM_THICKNESS_M / 2]
@@ -221,6 +219,9 @@ def _add_gripper(spec: Any, gripper: Gripper, numerics: Numerics) -> None:
         body.explicitinertial = 1
         body.mass, body.inertia = gripper.finger_mass_kg, [1e-4, 1e-4, 1e-4]
         joint = body.add_joint(name=name, type=slide, axis=[side, 0, 0])
+        # A constant force against this damping: all of it at standstill, none at full speed. (A
+        # servo with a limited force would jump from limit to limit between two time steps.)
+        joint.damping[0] = gripper.force_n / gripper.closing_speed_m_s
         joint.limited = True
         joint.range = [gripper.min_opening_m / 2, gripper.max_opening_m / 2]
         joint.solref_limit = [numerics.contact_time_s, 1.0]
@@ -233,9 +234,14 @@ def _add_gripper(spec: Any, gripper: Gripper, numerics: Numerics) -> None:
         geom.friction = [gripper.friction, gripper.torsional_friction_m, _ROLLING_FRICTION_M]
         geom.priority = 1
         motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        motor.set_to_velocity(kv=_SERVO_GAIN * gripper.force_n / gripper.closing_speed_m_s)
-        motor.forcelimited = True
-        motor.forcerange = [-gripper.force_n, gripper.force_n]
+        motor.set_to_motor()
+    # Together they follow the integral of one speed: where it should be, and how fast.
+    place = spec.add_actuator(name="place", target="base", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    place.set_to_intvelocity(kp=_BASE_STIFFNESS_N_M)
+    place.actrange = [-10, 10]
+    speed = spec.add_actuator(name="speed", target="base", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    moving = _BASE_MASS_KG + 2 * gripper.finger_mass_kg
+    speed.set_to_velocity(kv=2 * (_BASE_STIFFNESS_N_M * moving) ** 0.5)
     couple = spec.add_equality(name="couple", type=mujoco.mjtEq.mjEQ_JOINT)
     couple.objtype = mujoco.mjtObj.mjOBJ_JOINT
     couple.name1, couple.name2 = "left", "right"

@@ -17,6 +17,9 @@ Floats = NDArray[np.float64]
 TOLERANCE = 1e-9
 """Cells; a middle on the border of two footprints belongs to both."""
 
+NARROW = 2.0
+"""Sides of a pixel; wider strips between two patches are hidden behind something."""
+
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def _fill(x: Floats, y: Floats, height: float, heights: Floats) -> None:
@@ -59,12 +62,39 @@ def _corner(u: float, v: float, height: float, view: Any) -> Any:
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _is_level(pixel_heights: Floats, u: int, v: int, du: int, dv: int, view: Any) -> bool:
+    """Whether a pixel and its neighbour lie on one surface that is no wall (below 45 degrees)."""
+    rows, columns = pixel_heights.shape
+    if not (0 <= u + du < columns and 0 <= v + dv < rows) or pixel_heights[v + dv, u + du] <= 0:
+        return False
+    here, beside = pixel_heights[v, u], pixel_heights[v + dv, u + du]
+    x0, y0 = _corner(float(u), float(v), here, view)
+    x1, y1 = _corner(float(u + du), float(v + dv), beside, view)
+    return abs(beside - here) <= view[4] * math.hypot(x1 - x0, y1 - y0)
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _goes_on(pixel_heights: Floats, u: int, v: int, du: int, dv: int, view: Any) -> bool:
+    """Whether the surface that the lower of two neighbours shows may go on under the higher."""
+    if pixel_heights[v, u] < pixel_heights[v + dv, u + du]:
+        du, dv = -du, -dv
+    else:
+        u, v = u + du, v + dv
+    # Now (u, v) is the lower, and (du, dv) leads away from the higher.
+    across = _is_level(pixel_heights, u, v, dv, du, view)
+    across = across or _is_level(pixel_heights, u, v, -dv, -du, view)
+    return across and _is_level(pixel_heights, u, v, du, dv, view)
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def splat(pixel_heights: Floats, view: Any, heights: Floats) -> None:
     """Draw the tops that pixels see onto the cells of the table.
 
-    Each pixel is a level patch as large as it sees at its height; where two neighbours differ, the
-    strip between their patches, which no pixel sees, gets the lower of their heights. So there are
-    no holes however large the pixels are.
+    Each pixel is a level patch as large as it sees at its height; so the patches of a level surface
+    leave no holes, however large the pixels are. Where two neighbours differ in height, nothing is
+    seen of the strip between their patches. It gets the lower height where it is narrow, or where
+    the lower one is a surface that may well go on (the bottom of a bowl, behind its rim). It gets
+    nothing where the lower one is on a wall: that is how gaps beside a part look.
 
     Args:
         pixel_heights: (H, W) metres above the table, 0 where a pixel shows no object.
@@ -84,16 +114,18 @@ def splat(pixel_heights: Floats, view: Any, heights: Floats) -> None:
                 x[k], y[k] = _corner(u + du, v + dv, here, view)
             _fill(x, y, here, heights)
             for k in range(2):  # the neighbours to the right and below
-                beside = 0.0
-                if k == 0 and u + 1 < columns:
-                    beside = pixel_heights[v, u + 1]
-                elif k == 1 and v + 1 < rows:
-                    beside = pixel_heights[v + 1, u]
+                du, dv = 1 - k, k
+                if v + dv >= rows or u + du >= columns:
+                    continue
+                beside = pixel_heights[v + dv, u + du]
                 if beside <= 0 or beside == here:
                     continue
                 for end in range(2):
-                    du = 0.5 if k == 0 else (-0.5 if end == 0 else 0.5)
-                    dv = 0.5 if k == 1 else (-0.5 if end == 0 else 0.5)
-                    x[end], y[end] = _corner(u + du, v + dv, here, view)
-                    x[3 - end], y[3 - end] = _corner(u + du, v + dv, beside, view)
-                _fill(x, y, min(here, beside), heights)
+                    side = end - 0.5
+                    a, b = u + 0.5 * du + side * dv, v + 0.5 * dv + side * du
+                    x[end], y[end] = _corner(a, b, here, view)
+                    x[3 - end], y[3 - end] = _corner(a, b, beside, view)
+                gap = math.hypot(x[0] - x[3], y[0] - y[3])
+                pixel = math.hypot(x[0] - x[1], y[0] - y[1])
+                if gap <= NARROW * pixel or _goes_on(pixel_heights, u, v, du, dv, view):
+                    _fill(x, y, min(here, beside), heights)

@@ -42,6 +42,9 @@ class ColumnTolerance:
 _ANGLES = np.radians(np.arange(0.0, 180.0, 15.0))
 _SHARES = np.linspace(0.0, 1.0, 13)[1:-1]
 _LEVELS = np.array([0.0, 0.3, 0.55, 0.8])  # of the greatest height
+# The hull of whole cells would stand out from the true outline at each step of its edge, the hull of
+# their middles would be too small along the rows: between them.
+_DIAMOND = ((0.25, 0.0), (-0.25, 0.0), (0.0, 0.25), (0.0, -0.25))
 _LEAST_CELLS = 9  # a piece of fewer is not cut
 
 
@@ -115,8 +118,7 @@ class _Cutter:
         top = height[corner]
         points = [
             np.column_stack([x + dx, y + dy, z])
-            for dx in (-0.5, 0.5)
-            for dy in (-0.5, 0.5)
+            for dx, dy in _DIAMOND
             for z in (top, np.zeros(len(top)))
         ]
         return ConvexHull(np.concatenate(points))

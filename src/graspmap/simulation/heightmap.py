@@ -19,8 +19,8 @@ Floats = NDArray[np.float64]
 RESOLUTION_M = 0.001
 """Side of a cell."""
 
-MOST_CELLS = 25_000_000
-"""A scene with more is no tabletop: 5 m x 5 m of cells of 1 mm."""
+MOST_CELLS = 9_000_000
+"""A scene with more is no tabletop: 3 m x 3 m of cells of 1 mm."""
 
 _ABOVE_TABLE_M = 0.001
 """What is lower than this is not worth grasping."""
@@ -93,7 +93,7 @@ class HeightMap:
         plan = corners[:, :, :2].reshape(-1, 2) / resolution_m
         first = np.floor(plan.min(axis=0))
         columns, rows = np.floor(plan.max(axis=0)) - first + 1
-        if rows * columns > MOST_CELLS:
+        if float(rows) * float(columns) > MOST_CELLS:
             raise InvalidInputError(
                 "size of the scene",
                 f"{columns * resolution_m:.1f} m x {rows * resolution_m:.1f} m",

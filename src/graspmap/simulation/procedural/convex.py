@@ -20,6 +20,8 @@ from graspmap.simulation.procedural.solid import (
     snap,
 )
 
+_THINNEST_M = 1e-5  # of a face
+
 _COMPASS = np.array([d for d in product((-1, 0, 1), repeat=3) if any(d)], dtype=np.float64)
 
 
@@ -35,7 +37,7 @@ def split(points: ArrayLike) -> list[Floats]:
     Vertices are left out as long as the hull loses at most `TOLERANCE_M` by it.
     """
     vertices, faces = hull(points)
-    few = _thinned(vertices, faces)
+    few = _thinned(vertices)
     if few is not None:
         return [few]
     low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -49,15 +51,15 @@ def split(points: ArrayLike) -> list[Floats]:
     ]
 
 
-def _thinned(vertices: Floats, faces: Faces) -> Floats | None:
-    """Some of the vertices whose hull is the same to the tolerance; None if that takes too many."""
+def _thinned(vertices: Floats) -> Floats | None:
+    """Some of the vertices, with the same hull to the tolerance; None if that takes too many."""
     if len(vertices) <= MOST_VERTICES:
         return vertices
     reach = vertices @ _COMPASS.T
     chosen = np.unique(reach.argmax(axis=0))
     while len(chosen) < MOST_VERTICES:
         corners, triangles = hull(vertices[chosen])
-        outside = _heights(vertices, corners, triangles)
+        outside = heights(vertices, corners, triangles)
         worst = outside.max(axis=0)
         if worst.max() <= TOLERANCE_M:
             return snap(vertices[chosen])
@@ -66,19 +68,27 @@ def _thinned(vertices: Floats, faces: Faces) -> Floats | None:
         farthest = outside.argmax(axis=0)[order[worst[order] > TOLERANCE_M]]
         chosen = np.union1d(chosen, farthest)
     corners, triangles = hull(vertices[chosen])
-    outside = _heights(vertices, corners, triangles)
+    outside = heights(vertices, corners, triangles)
     return snap(vertices[chosen]) if outside.max() <= TOLERANCE_M else None
 
 
-def _heights(points: Floats, corners: Floats, faces: Faces) -> Floats:
-    """(N, F) of each point above the plane of each face."""
+def heights(points: Floats, corners: Floats, faces: Faces) -> Floats:
+    """(N, F) of each point (N, 3) above the plane of each face (F, 3) of a hull.
+
+    Faces too narrow to have a sure direction count as far above everything.
+    """
     a, b, c = (corners[faces[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    sizes = np.sqrt((normals**2).sum(axis=1))
+    longest = np.sqrt(
+        np.max([((b - a) ** 2).sum(1), ((c - b) ** 2).sum(1), ((a - c) ** 2).sum(1)], 0)
+    )
+    clear = sizes > _THINNEST_M * longest
+    normals = normals / np.where(clear, sizes, 1)[:, None]
     offsets = (normals * a).sum(axis=1)
     x, y, z = points.T
-    heights = x[:, None] * normals[:, 0] + y[:, None] * normals[:, 1] + z[:, None] * normals[:, 2]
-    return np.asarray(heights - offsets)
+    above = x[:, None] * normals[:, 0] + y[:, None] * normals[:, 1] + z[:, None] * normals[:, 2]
+    return np.where(clear, above - offsets, -np.inf)
 
 
 def _section(vertices: Floats, faces: Faces, axis: int, at: float) -> Floats:

@@ -10,6 +10,7 @@ import numpy as np
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.simulation.objects import ObjectModel
 from graspmap.simulation.procedural import (
+    blobs,
     extrusions,
     handled,
     primitives,
@@ -45,6 +46,7 @@ FAMILIES: dict[str, Family] = {
     "handled": Family(0.12, handled.SHAPES),
     "tool": Family(0.1, tools.SHAPES),
     "shell": Family(0.12, shells.SHAPES),
+    "blob": Family(0.06, blobs.SHAPES),
 }
 """The families by name; a new family is one module, and one line here."""
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from graspmap.simulation.procedural.convex import heights
 from graspmap.simulation.procedural.solid import (
     MOST_VERTICES,
     TOLERANCE_M,
@@ -124,9 +125,9 @@ def _pieces(rings: Floats, *, closed: bool) -> list[Floats]:
 
 
 def _sunk(rings: Floats) -> float:
-    """How deep the deepest vertex of the rings between lies inside the hull of all."""
-    corners, faces = hull(rings.reshape(-1, 3))
-    a, b, c = (corners[faces[:, i]] for i in range(3))
-    normals = _unit(np.cross(b - a, c - a) + 1e-30)
-    below = (normals * a).sum(axis=1) - rings[1:-1].reshape(-1, 3) @ normals.T
+    """How deep the surface between the first and the last ring lies inside the hull of all."""
+    inner = rings[1:-1]
+    # On a hollow side the corners may lie on flat ends of the hull; the middles of edges do not.
+    points = np.concatenate([inner, (inner + np.roll(inner, 1, axis=1)) / 2]).reshape(-1, 3)
+    below = -heights(points, *hull(rings.reshape(-1, 3)))
     return float(below.min(axis=1).max())

@@ -6,7 +6,7 @@ from graspmap.simulation.render.appearance import (
     sample_appearance,
 )
 from graspmap.simulation.render.randomisation import Randomisation, load_randomisation
-from graspmap.simulation.render.render import Rendering, render
+from graspmap.simulation.render.rendering import Rendering, render
 from graspmap.simulation.render.view import (
     OutOfViewError,
     View,

@@ -17,7 +17,7 @@ from graspmap.simulation.render._texture_kernel import hashed
 Singles = NDArray[np.float32]
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def bell(x: int, y: int, z: int, seed: int) -> float:
     """A number from nearly a normal distribution (mean 0, variance 1), from four whole numbers.
 
@@ -31,14 +31,14 @@ def bell(x: int, y: int, z: int, seed: int) -> float:
     return (total * (1.0 / 32768.0) - 4.0) * 1.2247448713915892
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def linear(byte: float) -> float:
     """Linear light of an sRGB value from 0 to 1: a polynomial within 0.001 of the standard's."""
     out: float = byte * (byte * (byte * 0.305306011 + 0.682171111) + 0.012522878)
     return out
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def encoded(light: float) -> float:
     """The sRGB value from 0 to 1 of linear light, of roots instead of a power."""
     first = math.sqrt(light)
@@ -48,7 +48,7 @@ def encoded(light: float) -> float:
     return min(max(out - 0.0225411470 * light, 0.0), 1.0)
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def linear_pictures(pictures: NDArray[np.uint8], out: Singles) -> None:
     """(pixels, 3) sRGB bytes to linear light."""
     table = np.empty(256, np.float32)
@@ -59,7 +59,7 @@ def linear_pictures(pictures: NDArray[np.uint8], out: Singles) -> None:
             out[i, k] = table[pictures[i, k]]
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def blurred(light: Singles, side: float) -> Any:
     """(H, W, 3) picture in which each pixel gives ``side`` of its light to each neighbour.
 
@@ -83,7 +83,7 @@ def blurred(light: Singles, side: float) -> Any:
     return middle
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def develop(
     light: Singles,
     gains: Any,

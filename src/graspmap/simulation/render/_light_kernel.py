@@ -27,12 +27,14 @@ _FOCAL, _CX, _CY = 12, 13, 14
 
 # Places in the numbers of the whole scene's light.
 KEY, KEY_COLOUR, FILL, FILL_COLOUR, SKY, GROUND, TO_KEY = 0, 3, 6, 9, 12, 15, 18
+_BLOCK = 32  # points that are looked at together
+
 LENGTH = 21
 """Numbers of the scene's light: position of the lamp, its colour, direction to the second lamp, its
 colour, colour from above, colour of the table, direction to the lamp from the origin."""
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def lamp_pictures(
     points: Floats, faces: Integers, drawn: NDArray[np.bool_], lamps: Floats, side: int
 ) -> Any:
@@ -86,79 +88,184 @@ def lamp_pictures(
     return pictures, poses
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
-def _lit(picture: Singles, pose: Floats, x: float, y: float, z: float, bias: float) -> float:
-    """Share of light that reaches a point, between the four nearest pixels of a lamp's picture."""
-    x, y, z = x - pose[0], y - pose[1], z - pose[2]
-    depth = pose[9] * x + pose[10] * y + pose[11] * z
-    scale = pose[_FOCAL] / depth
-    u = (pose[3] * x + pose[4] * y + pose[5] * z) * scale + pose[_CX]
-    v = (pose[6] * x + pose[7] * y + pose[8] * z) * scale + pose[_CY]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _lit(
+    picture: Singles, pose: Floats, bias: float, lifted: Floats, boxes: Floats, out: Floats
+) -> None:
+    """Share of a light that reaches points, between the four nearest pixels of its picture.
+
+    Args:
+        picture: (side, side) depths seen from the light.
+        pose: (15,) where it looks.
+        bias: How much nearer than a point something must be to shadow it, metres.
+        lifted: (3, n) world points.
+        boxes: (blocks, 6) middle and half size of the box around each block of points.
+        out: (n,) out.
+    """
+    ox, oy, oz = pose[0], pose[1], pose[2]
+    focal, cx, cy = pose[_FOCAL], pose[_CX], pose[_CY]
+    ax, ay, az = focal * pose[3], focal * pose[4], focal * pose[5]
+    bx, by, bz = focal * pose[6], focal * pose[7], focal * pose[8]
+    dx, dy, dz = pose[9], pose[10], pose[11]
     last = picture.shape[0] - 1.0
-    if not (0.0 <= u < last and 0.0 <= v < last):
-        return 1.0
-    column, row = int(u), int(v)
-    a, b = u - column, v - row
-    depth -= bias
-    light = 0.0
-    if picture[row, column] >= depth:
-        light += (1.0 - a) * (1.0 - b)
-    if picture[row, column + 1] >= depth:
-        light += a * (1.0 - b)
-    if picture[row + 1, column] >= depth:
-        light += (1.0 - a) * b
-    if picture[row + 1, column + 1] >= depth:
-        light += a * b
-    return light
+    for block in range(len(boxes)):
+        first, end = block * _BLOCK, min((block + 1) * _BLOCK, lifted.shape[1])
+        # Most blocks lie wholly on one side of the picture.
+        x, y, z = boxes[block, 0] - ox, boxes[block, 1] - oy, boxes[block, 2] - oz
+        hx, hy, hz = boxes[block, 3], boxes[block, 4], boxes[block, 5]
+        if (
+            _greatest(ax + cx * dx, ay + cx * dy, az + cx * dz, x, y, z, hx, hy, hz) < 0.0
+            or _greatest(bx + cy * dx, by + cy * dy, bz + cy * dz, x, y, z, hx, hy, hz) < 0.0
+            or _greatest(
+                (last - cx) * dx - ax,
+                (last - cx) * dy - ay,
+                (last - cx) * dz - az,
+                *(x, y, z, hx, hy, hz),
+            )
+            < 0.0
+            or _greatest(
+                (last - cy) * dx - bx,
+                (last - cy) * dy - by,
+                (last - cy) * dz - bz,
+                *(x, y, z, hx, hy, hz),
+            )
+            < 0.0
+        ):
+            for i in range(first, end):
+                out[i] = 1.0
+            continue
+        for i in range(first, end):
+            x, y, z = lifted[0, i] - ox, lifted[1, i] - oy, lifted[2, i] - oz
+            depth = dx * x + dy * y + dz * z
+            scale = 1.0 / depth
+            u = (ax * x + ay * y + az * z) * scale + cx
+            v = (bx * x + by * y + bz * z) * scale + cy
+            if not (0.0 <= u < last and 0.0 <= v < last):
+                out[i] = 1.0
+                continue
+            column, row = np.uint32(u), np.uint32(v)
+            right, below = np.uint32(column + 1), np.uint32(row + 1)
+            a, b = u - column, v - row
+            limit = np.float32(depth - bias)
+            one, two = picture[row, column] >= limit, picture[row, right] >= limit
+            three, four = picture[below, column] >= limit, picture[below, right] >= limit
+            if one and two and three and four:
+                out[i] = 1.0
+            elif not (one or two or three or four):
+                out[i] = 0.0
+            else:
+                above = (1.0 - a) * one + a * two
+                out[i] = (1.0 - b) * above + b * ((1.0 - a) * three + a * four)
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
-def lamp_light(pictures: Singles, poses: Floats, texel: float, p: Any, n: Any) -> float:
-    """Share of the lamp's points that a point of a surface sees.
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _greatest(
+    a: float,
+    b: float,
+    c: float,
+    x: float,
+    y: float,
+    z: float,
+    hx: float,
+    hy: float,
+    hz: float,
+) -> float:
+    """Greatest value of a x + b y + c z in a box."""
+    return a * x + b * y + c * z + abs(a) * hx + abs(b) * hy + abs(c) * hz
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _lifted(point: Floats, normal: Floats, which: Integers, height: float) -> Any:
+    """(3, n) points a little above their surfaces, which keeps these from shadowing themselves.
+
+    Returns:
+        The points, and (blocks, 6) middle and half size of the box around each block of them.
+    """
+    out = np.empty((3, len(which)))
+    for j in range(len(which)):
+        for k in range(3):
+            out[k, j] = point[which[j], k] + height * normal[which[j], k]
+    boxes = np.empty(((len(which) + _BLOCK - 1) // _BLOCK, 6))
+    for block in range(len(boxes)):
+        first, end = block * _BLOCK, min((block + 1) * _BLOCK, len(which))
+        for k in range(3):
+            low = high = out[k, first]
+            for i in range(first + 1, end):
+                low, high = min(low, out[k, i]), max(high, out[k, i])
+            boxes[block, k], boxes[block, 3 + k] = 0.5 * (low + high), 0.5 * (high - low)
+    return out, boxes
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def lamp_light(
+    pictures: Singles,
+    poses: Floats,
+    texel: float,
+    point: Floats,
+    normal: Floats,
+    which: Integers,
+    lamp: Floats,
+) -> None:
+    """Share of the lamp's points that points of surfaces see.
 
     Args:
         pictures: (K, side, side).
         poses: (K, 15).
         texel: Size of the pictures' pixels at the objects, metres.
-        p: (x, y, z) world point.
-        n: (x, y, z) unit normal of its triangle.
+        point: (n, 3) world.
+        normal: (n, 3) unit normals of their triangles.
+        which: Those of the n that count.
+        lamp: (n,) out.
     """
-    # Starting a little above the surface keeps it from shadowing itself.
-    x, y, z = p[0] + 1.5 * texel * n[0], p[1] + 1.5 * texel * n[1], p[2] + 1.5 * texel * n[2]
-    total = 0.0
+    lifted, boxes = _lifted(point, normal, which, 1.5 * texel)
+    total, lit = np.zeros(len(which)), np.empty(len(which))
     for k in range(len(poses)):
-        total += _lit(pictures[k], poses[k], x, y, z, 0.5 * texel)
-    return total / len(poses)
+        _lit(pictures[k], poses[k], 0.5 * texel, lifted, boxes, lit)
+        total += lit
+    for j in range(len(which)):
+        lamp[which[j]] = total[j] / len(poses)
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def sky_light(
-    pictures: Singles, poses: Floats, texel: float, p: Any, n: Any, up: Any, near: bool
-) -> float:
-    """Light from above that reaches a surface, 1 for a free one that faces up.
+    pictures: Singles,
+    poses: Floats,
+    texel: float,
+    point: Floats,
+    normal: Floats,
+    up: Floats,
+    which: Integers,
+    sky: Floats,
+) -> None:
+    """Light from above that reaches points of surfaces, 1 for a free one that faces up.
 
     Args:
         pictures: (K, side, side).
         poses: (K, 15) of points all over the sky.
         texel: Size of the pictures' pixels at the objects, metres.
-        p: (x, y, z) world point.
-        n: (x, y, z) unit normal of its triangle.
-        up: (x, y, z) unit normal for shading.
-        near: Whether anything may be in the way.
+        point: (n, 3) world.
+        normal: (n, 3) unit normals of their triangles.
+        up: (n, 3) unit normals for shading.
+        which: Those of the n that count.
+        sky: (n,) out.
     """
-    x, y, z = p[0] + 1.5 * texel * n[0], p[1] + 1.5 * texel * n[1], p[2] + 1.5 * texel * n[2]
-    total, full = 0.0, 0.0
+    lifted, boxes = _lifted(point, normal, which, 1.5 * texel)
+    total, lit = np.zeros(len(which)), np.empty(len(which))
+    full = 0.0
     for k in range(len(poses)):
-        pose = poses[k]
         # The axis z of the picture looks from the sky down.
-        facing = -(pose[9] * up[0] + pose[10] * up[1] + pose[11] * up[2])
-        full -= pose[11]
-        if facing > 0.0:
-            total += facing * (_lit(pictures[k], pose, x, y, z, texel) if near else 1.0)
-    return total / full
+        dx, dy, dz = -poses[k, 9], -poses[k, 10], -poses[k, 11]
+        full += dz
+        _lit(pictures[k], poses[k], texel, lifted, boxes, lit)
+        for j in range(len(which)):
+            i = which[j]
+            facing = dx * up[i, 0] + dy * up[i, 1] + dz * up[i, 2]
+            total[j] += max(facing, 0.0) * lit[j]
+    for j in range(len(which)):
+        sky[which[j]] = total[j] / full
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def surroundings(light: Floats, x: float, y: float, z: float, rough: float, k: int) -> float:
     """Colour channel k of what a mirror sees in a direction: a bright room, a lamp, the table."""
     sky = light[SKY + k]
@@ -174,7 +281,7 @@ def surroundings(light: Floats, x: float, y: float, z: float, rough: float, k: i
     return out
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def shaded(
     surface: Floats,
     light: Floats,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from graspmap.simulation.render import _film_kernel, _light_kernel, _raster_kernel
 from graspmap.simulation.render import _texture_kernel as texture
-from graspmap.simulation.render._shade_kernel import Eye, Geometry, Lamps, Surfaces
+from graspmap.simulation.render._scene_kernel import Eye, Geometry, Lamps, Surfaces
 from graspmap.simulation.render.appearance import Appearance, Finish, Light, ObjectLook, TableLook
 from graspmap.simulation.render.view import View, turn
 from graspmap.simulation.tabletop import Tabletop

@@ -23,7 +23,7 @@ Integers = NDArray[np.int32]
 _BORDER_PX = 1e-6  # a vertex this far from a pixel's centre is left to the exact test
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def to_world(vertices: Floats, rotation: Floats, translation: Floats, out: Floats) -> None:
     """(V, 3) R v + t into ``out``."""
     r, t = rotation, translation
@@ -33,7 +33,7 @@ def to_world(vertices: Floats, rotation: Floats, translation: Floats, out: Float
             out[i, k] = r[k, 0] * x + r[k, 1] * y + r[k, 2] * z + t[k]
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def to_frame(points: Floats, rotation: Floats, translation: Floats) -> Any:
     """(V, 3) transpose of R times (p - t): world points in the frame whose pose is R, t."""
     out = np.empty_like(points)
@@ -45,33 +45,7 @@ def to_frame(points: Floats, rotation: Floats, translation: Floats) -> Any:
     return out
 
 
-@numba.njit(cache=True, nogil=True, inline="always")  # type: ignore[untyped-decorator, unused-ignore]
-def _cross(a: Floats, b: Floats) -> Any:
-    return (
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    )
-
-
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
-def plane_depth(a: Floats, b: Floats, c: Floats, x: float, y: float) -> float:
-    """Depth at which the ray (x, y, 1) meets a triangle's plane, kept within its corners' depths.
-
-    The plane of a triangle that is seen edge-on is uncertain; the limits are not.
-    """
-    px, py, pz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    qx, qy, qz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    nx, ny, nz = py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
-    speed = nx * x + (ny * y + nz)
-    least, most = min(a[2], b[2], c[2]), max(a[2], b[2], c[2])
-    if speed == 0.0:
-        return least
-    depth: float = (nx * a[0] + (ny * a[1] + nz * a[2])) / speed
-    return min(max(depth, least), most)
-
-
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _limits(a: float, b: float, c: float, count: int) -> Any:
     """First and one past the last of ``count`` pixels between three positions."""
     low = math.ceil(max(min(a, b, c) - _BORDER_PX, 0.0))
@@ -79,7 +53,7 @@ def _limits(a: float, b: float, c: float, count: int) -> Any:
     return low, high
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def draw_triangles(
     points: Floats,
     faces: Integers,
@@ -114,39 +88,49 @@ def draw_triangles(
     for f in range(len(faces)):
         if not drawn[f]:
             continue
-        ia, ib, ic = faces[f, 0], faces[f, 1], faces[f, 2]
-        a, b, c = points[ia], points[ib], points[ic]
-        if min(a[2], b[2], c[2]) > 0.0:
-            left, right = _limits(u[ia], u[ib], u[ic], columns)
-            top, bottom = _limits(v[ia], v[ib], v[ic], rows)
-        elif max(a[2], b[2], c[2]) <= 0.0:
-            continue
-        else:
+        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+        ax, ay, az = points[i, 0], points[i, 1], points[i, 2]
+        bx, by, bz = points[j, 0], points[j, 1], points[j, 2]
+        gx, gy, gz = points[k, 0], points[k, 1], points[k, 2]
+        least, most = min(az, bz, gz), max(az, bz, gz)
+        if least > 0.0:
+            left, right = _limits(u[i], u[j], u[k], columns)
+            top, bottom = _limits(v[i], v[j], v[k], rows)
+        elif most > 0.0:
             left, right, top, bottom = 0, columns, 0, rows
+        else:
+            continue
         if left >= right or top >= bottom:
             continue
-        ax, ay, az = _cross(b, c)
-        bx, by, bz = _cross(c, a)
-        gx, gy, gz = _cross(a, b)
-        volume = a[0] * ax + a[1] * ay + a[2] * az
+        # A ray's value at the edge from b to c is its product with b x c, and so on.
+        px, py, pz = by * gz - bz * gy, bz * gx - bx * gz, bx * gy - by * gx
+        qx, qy, qz = gy * az - gz * ay, gz * ax - gx * az, gx * ay - gy * ax
+        rx, ry, rz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        volume = ax * px + ay * py + az * pz
         if volume == 0.0:
             continue
         if volume < 0.0:
-            ax, ay, az, bx, by, bz, gx, gy, gz = -ax, -ay, -az, -bx, -by, -bz, -gx, -gy, -gz
+            px, py, pz, qx, qy, qz, rx, ry, rz = -px, -py, -pz, -qx, -qy, -qz, -rx, -ry, -rz
+        # The plane, from differences: with the products above, small triangles would lose digits.
+        bx, by, bz, gx, gy, gz = bx - ax, by - ay, bz - az, gx - ax, gy - ay, gz - az
+        nx, ny, nz = by * gz - bz * gy, bz * gx - bx * gz, bx * gy - by * gx
+        above = nx * ax + (ny * ay + nz * az)
         for row in range(top, bottom):
             y = ray_y[row]
-            a0, b0, g0 = ay * y + az, by * y + bz, gy * y + gz
+            p, q, r, n = py * y + pz, qy * y + qz, ry * y + rz, ny * y + nz
             for column in range(left, right):
                 x = ray_x[column]
-                if ax * x + a0 >= 0.0 and bx * x + b0 >= 0.0 and gx * x + g0 >= 0.0:
-                    z = plane_depth(a, b, c, x, y)
+                if px * x + p >= 0.0 and qx * x + q >= 0.0 and rx * x + r >= 0.0:
+                    speed = nx * x + n
+                    # The plane of a triangle seen edge-on is uncertain; its corners are not.
+                    z = min(max(above / speed, least), most) if speed != 0.0 else least
                     if 0.0 < z < depth[row, column]:
                         depth[row, column] = z
                         if keep:
                             triangle[row, column] = f
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def pixel_bounds(points: Floats, focal: Any, shape: Any) -> Any:
     """Window (top, bottom, left, right) of a picture that holds the projected points."""
     fx, fy, cx, cy = focal
@@ -168,7 +152,7 @@ def pixel_bounds(points: Floats, focal: Any, shape: Any) -> Any:
     return top, bottom, left, right
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def table_depth(rotation: Floats, height: float, focal: Any, depth: Floats) -> None:
     """(H, W) depth of the plane z = 0; infinity where a pixel's ray never meets it.
 
@@ -187,17 +171,20 @@ def table_depth(rotation: Floats, height: float, focal: Any, depth: Floats) -> N
             depth[row, column] = height / down if down > 0.0 and height > 0.0 else np.inf
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def face_normals(points: Floats, faces: Integers) -> Any:
     """(F, 3) normals of triangles, as long as twice their area."""
     out = np.empty((len(faces), 3))
     for f in range(len(faces)):
-        a, b, c = points[faces[f, 0]], points[faces[f, 1]], points[faces[f, 2]]
-        out[f, 0], out[f, 1], out[f, 2] = _cross(b - a, c - a)
+        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+        ax, ay, az = points[i, 0], points[i, 1], points[i, 2]
+        bx, by, bz = points[j, 0] - ax, points[j, 1] - ay, points[j, 2] - az
+        cx, cy, cz = points[k, 0] - ax, points[k, 1] - ay, points[k, 2] - az
+        out[f, 0], out[f, 1], out[f, 2] = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
     return out
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def corner_normals(points: Floats, faces: Integers, normals: Floats, crease: float) -> Any:
     """(F, 3, 3) unit normal at each corner of each triangle: smooth except over sharp edges.
 
@@ -217,23 +204,23 @@ def corner_normals(points: Floats, faces: Integers, normals: Floats, crease: flo
     around, fill = np.empty(3 * count, np.int32), start[:-1].copy()
     length = np.empty(count)
     for f in range(count):
-        n = normals[f]
-        length[f] = math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+        x, y, z = normals[f, 0], normals[f, 1], normals[f, 2]
+        length[f] = math.sqrt(x * x + y * y + z * z)
         for k in range(3):
             vertex = faces[f, k]
             around[fill[vertex]] = f
             fill[vertex] += 1
     out = np.empty((count, 3, 3))
     for f in range(count):
-        n = normals[f]
+        nx, ny, nz, limit = normals[f, 0], normals[f, 1], normals[f, 2], crease * length[f]
         for k in range(3):
             vertex = faces[f, k]
             x = y = z = 0.0
             for slot in range(start[vertex], start[vertex + 1]):
-                m = normals[around[slot]]
-                cosine = n[0] * m[0] + n[1] * m[1] + n[2] * m[2]
-                if around[slot] == f or cosine > crease * length[f] * length[around[slot]]:
-                    x, y, z = x + m[0], y + m[1], z + m[2]
+                other = around[slot]
+                mx, my, mz = normals[other, 0], normals[other, 1], normals[other, 2]
+                if other == f or nx * mx + ny * my + nz * mz > limit * length[other]:
+                    x, y, z = x + mx, y + my, z + mz
             size = math.sqrt(x * x + y * y + z * z)
             if size > 0.0:
                 out[f, k, 0], out[f, k, 1], out[f, k, 2] = x / size, y / size, z / size

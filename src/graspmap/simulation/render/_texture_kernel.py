@@ -42,7 +42,7 @@ LENGTH = 23
 """Numbers in a row."""
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def hashed(x: int, y: int, z: int, seed: int) -> int:
     """31 bits that look random, from four whole numbers."""
     mask = np.int64(0xFFFFFFFF)
@@ -53,32 +53,32 @@ def hashed(x: int, y: int, z: int, seed: int) -> int:
     return h & 0x7FFFFFFF
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def chance(x: int, y: int, z: int, seed: int) -> float:
     """A number in [0, 1) from four whole numbers."""
     return hashed(x, y, z, seed) * (1.0 / 2147483648.0)
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _smooth(t: float) -> float:
     """0 to 1 with level ends."""
     return t * t * (3.0 - 2.0 * t)
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _step(edge: float, soft: float, x: float) -> float:
     """0 below an edge, 1 above, rising over ``soft``."""
     return _smooth(min(max((x - edge) / soft + 0.5, 0.0), 1.0))
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _wave(x: float) -> float:
     """A smooth wave of period 1 between 0 and 1."""
     t = x - math.floor(x)
     return _smooth(2.0 * t if t < 0.5 else 2.0 - 2.0 * t)
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _noise(x: float, y: float, z: float, seed: int) -> float:
     """Smooth noise between 0 and 1 with bumps of size 1."""
     fx, fy, fz = math.floor(x), math.floor(y), math.floor(z)
@@ -95,7 +95,7 @@ def _noise(x: float, y: float, z: float, seed: int) -> float:
     return out
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _flat_noise(x: float, y: float, seed: int) -> float:
     """The same on a plane."""
     fx, fy = math.floor(x), math.floor(y)
@@ -107,7 +107,7 @@ def _flat_noise(x: float, y: float, seed: int) -> float:
     return low + ((d + (e - d) * u) - low) * v
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _clouds(x: float, y: float, z: float, seed: int, pixel: float) -> float:
     """Noise over several sizes, 0 to 1; sizes below two pixels are left out."""
     total, weight, size = 0.0, 0.5, 1.0
@@ -119,7 +119,7 @@ def _clouds(x: float, y: float, z: float, seed: int, pixel: float) -> float:
     return min(max(0.5 + 1.4 * total, 0.0), 1.0)
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _flat_clouds(x: float, y: float, seed: int, pixel: float) -> float:
     """The same on a plane."""
     total, weight, size = 0.0, 0.5, 1.0
@@ -131,7 +131,7 @@ def _flat_clouds(x: float, y: float, seed: int, pixel: float) -> float:
     return min(max(0.5 + 1.4 * total, 0.0), 1.0)
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _spots(x: float, y: float, z: float, seed: int, flat: bool) -> Any:
     """Whether a point lies on one of many spots, one in each cell, and a number of the spot."""
     i, j, k = math.floor(x), math.floor(y), math.floor(z)
@@ -148,7 +148,7 @@ def _spots(x: float, y: float, z: float, seed: int, flat: bool) -> Any:
     return False, 0.0
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _cell(x: float, y: float, z: float, seed: int) -> float:
     """A number of the patch in which a point lies; patches surround scattered points."""
     i, j, k = int(math.floor(x)), int(math.floor(y)), int(math.floor(z))
@@ -166,7 +166,7 @@ def _cell(x: float, y: float, z: float, seed: int) -> float:
     return found
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _mix(surface: Floats, t: float, tone: float) -> Any:
     """Between first and second colour, times a tone."""
     c = surface
@@ -177,12 +177,12 @@ def _mix(surface: Floats, t: float, tone: float) -> Any:
     )
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _third(surface: Floats) -> Any:
     return surface[THIRD], surface[THIRD + 1], surface[THIRD + 2]
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def solid_colour(surface: Floats, x: float, y: float, z: float, pixel: float) -> Any:
     """Linear red, green, blue of an object at a point of its own space.
 
@@ -231,7 +231,7 @@ def solid_colour(surface: Floats, x: float, y: float, z: float, pixel: float) ->
     return _mix(surface, 0.0, 1.0)
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _planks(surface: Floats, x: float, y: float, seed: int, pixel: float) -> Any:
     """Boards of wood, side by side, each with a grain of its own."""
     row = math.floor(y)
@@ -253,7 +253,7 @@ def _planks(surface: Floats, x: float, y: float, seed: int, pixel: float) -> Any
     return red * dark, green * dark, blue * dark
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _cloth(surface: Floats, x: float, y: float, seed: int, pixel: float) -> Any:
     """Threads over and under each other; where they are finer than pixels, their mean."""
     i, j = math.floor(x), math.floor(y)
@@ -271,7 +271,7 @@ def _cloth(surface: Floats, x: float, y: float, seed: int, pixel: float) -> Any:
     return _mix(surface, 0.35 * wear + (0.65 if over else 0.0) * (0.5 + 0.5 * seen), tone)
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _tiles(surface: Floats, x: float, y: float, seed: int, pixel: float) -> Any:
     """Square tiles with joints."""
     i, j = math.floor(x), math.floor(y)
@@ -288,7 +288,7 @@ def _tiles(surface: Floats, x: float, y: float, seed: int, pixel: float) -> Any:
     )
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def table_colour(surface: Floats, x: float, y: float, pixel: float) -> Any:
     """Linear red, green, blue of the table at a point (x, y), metres; see `solid_colour`."""
     pattern, seed, scale = int(surface[PATTERN]), int(surface[SEED]), surface[SCALE]
@@ -314,7 +314,7 @@ def table_colour(surface: Floats, x: float, y: float, pixel: float) -> Any:
     return _mix(surface, 0.15 * _flat_clouds(x, y, seed, pixel), 1.0)
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def picture_colour(
     picture: NDArray[np.float32], start: int, width: int, height: int, u: float, v: float
 ) -> Any:

@@ -14,9 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspmap.errors import InvalidInputError
-from graspmap.simulation.render import _film_kernel, _raster_kernel, _shade_kernel
+from graspmap.simulation.render import (
+    _film_kernel,
+    _raster_kernel,
+    _scene_kernel,
+    _shade_kernel,
+)
 from graspmap.simulation.render._pack import pack_eye, pack_geometry, pack_lamps, pack_surfaces
-from graspmap.simulation.render._shade_kernel import Eye, Geometry
+from graspmap.simulation.render._scene_kernel import Eye, Geometry
 from graspmap.simulation.render.appearance import Appearance, Film
 from graspmap.simulation.render.view import View
 from graspmap.simulation.tabletop import Tabletop
@@ -75,7 +80,7 @@ def render(tabletop: Tabletop, view: View, appearance: Appearance) -> Rendering:
     window = _raster_kernel.pixel_bounds(geometry.seen, eye.focal, shape)
     depth, triangle = _visible(geometry, eye, shape, window)
     normals, instance = np.empty((*shape, 3), np.float32), np.empty(shape, np.int16)
-    _shade_kernel.fill_channels(geometry, eye, window, depth, triangle, normals, instance)
+    _scene_kernel.fill_channels(geometry, eye, window, depth, triangle, normals, instance)
     light = _colour(tabletop, appearance, geometry, eye, window, depth, triangle, instance)
     return Rendering(
         rgb=_develop(light, appearance),
@@ -125,11 +130,10 @@ def _colour(
     fine_eye = Eye(eye.rotation, eye.origin, focal)
     shape = (2 * (bottom - top), 2 * (right - left))
     fine_depth, fine_triangle = _visible(geometry, fine_eye, shape, (0, shape[0], 0, shape[1]))
-    out = colour.copy()
     _shade_kernel.smooth_edges(
-        geometry, eye, lamps, surfaces, window, fine_depth, fine_triangle, instance, colour, out
+        geometry, eye, lamps, surfaces, window, fine_depth, fine_triangle, instance, colour
     )
-    return out
+    return colour
 
 
 def _develop(light: Singles, appearance: Appearance) -> NDArray[np.uint8]:

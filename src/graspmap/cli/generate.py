@@ -1,0 +1,211 @@
+"""``graspmap generate``: labelled RGB-D scenes for any gripper."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from graspmap.cli.frame import (
+    option,
+    output_file,
+    output_folder,
+    parse,
+    teller,
+    write_json,
+    write_picture,
+)
+from graspmap.cli.progress import Update, progress
+from graspmap.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from graspmap.generation.plan import GenerationPlan
+
+_SHOWN = 12
+"""Scenes on the contact sheet."""
+_LABELS = 25
+"""Grasps drawn on each."""
+
+
+@dataclass(frozen=True)
+class Generate:
+    """Make a data set for a gripper: scenes with colour, depth, mask, and grasps tried in physics.
+
+    Examples:
+      graspmap generate --scenes 500 --out data/first
+      graspmap generate --scenes 200 --gripper franka --clutter 5 --out data/piles
+      graspmap generate --scenes 100 --objects ~/meshes --unit mm --fit --out data/mine
+      graspmap doctor jacquard:data/first
+
+    Each scene is an object (or --clutter of them) dropped on a table until it rests, seen by a
+    camera that varies, with about --candidates grasps tried in simulated physics. Those that held
+    are the labels; the others are kept with the way they failed. The files are laid out as in the
+    Jacquard data set, so whatever reads Jacquard reads them; beside them lie NAME_negatives.txt,
+    NAME_camera.json and NAME_scene.json, from which `graspmap trial` tries any prediction later.
+    split.json divides the scenes by object; manifest.json has the counts and the hash of each file;
+    sheet.png shows some scenes. Stopped (Ctrl-C, kill, full disk), the same command goes on where
+    it was, and ends with the same bytes. More --scenes in the same folder add scenes.
+    """
+
+    out: Annotated[Path, option("DIR", "needed")]
+    """Folder of the data set."""
+    scenes: Annotated[int, option("N", "needed")]
+    """How many scenes."""
+    objects: Annotated[str, option("procedural|DIR", "default: procedural")] = "procedural"
+    """Objects that graspmap makes up, or a folder of meshes (.obj .stl .ply .off .glb .gltf
+    .3mf)."""
+    gripper: Annotated[str, option("G", "default: jacquard")] = "jacquard"
+    """Name of a profile (`graspmap gripper list`) or a YAML file."""
+    views: Annotated[int, option("V", "default: 5")] = 5
+    """Scenes of one object, each with a fall, a camera and a light of its own."""
+    clutter: Annotated[int, option("K", "default: 1")] = 1
+    """Objects on the table."""
+    seed: Annotated[int, option("S", "default: 0")] = 0
+    """Seed of everything random; the same seed gives the same bytes."""
+    workers: Annotated[int, option("W", "default: number of cores")] = 0
+    """Processes; the result does not depend on it."""
+    size: Annotated[int, option("PX", "default: 1024")] = 1024
+    """Side of the pictures, pixels."""
+    candidates: Annotated[int, option("N", "default: 1000")] = 1000
+    """Grasps tried on each scene, over all jaw sizes of the gripper."""
+    randomisation: Annotated[str, option("F", "default: default")] = "default"
+    """By how much cameras, lights and surfaces vary: default, plain, or a YAML file."""
+    family: Annotated[str | None, option("NAME", "default: all")] = None
+    """Kind of made-up objects: a family or a shape, for example extrusion or mug."""
+    unit: Annotated[str | None, option("mm|cm|m|inch", "default: guessed")] = None
+    """Unit of the meshes."""
+    fit: bool = False
+    """Scale each mesh to the gripper: its longest side to the opening, its shortest to at most 0.8
+    of it (the rule of EGAD)."""
+    json: Annotated[Path | None, option("F")] = None
+    """Write the summary as JSON to this file, - for standard output."""
+
+
+def run(argv: Sequence[str]) -> int:
+    """Run ``graspmap generate``."""
+    flags = parse(Generate, argv, "graspmap generate")
+    if flags.workers < 0:
+        raise InvalidInputError("--workers", flags.workers, "1 or more, 0 for every core")
+    plan = _plan(flags)
+    output_folder(flags.out, "--out")
+    output_file(flags.json, "--json")
+    from graspmap.generation.generate import generate
+
+    clock = _Clock()
+    workers = flags.workers or os.cpu_count() or 1
+    manifest = generate(plan, flags.out, workers=workers, progress=clock.progress)
+    write_picture(flags.out / "sheet.png", _sheet(flags.out, plan.gripper.name))
+    summary = _summary(manifest, clock, flags.out)
+    _tell(flags, summary)
+    write_json(summary, flags.json)
+    return 0
+
+
+def _plan(flags: Generate) -> GenerationPlan:
+    from graspmap.generation.plan import PROCEDURAL, GenerationPlan
+    from graspmap.gripper import load_gripper
+    from graspmap.simulation.render import load_randomisation
+
+    made_up = flags.objects == PROCEDURAL
+    return GenerationPlan(
+        scenes=flags.scenes,
+        objects=PROCEDURAL if made_up else Path(flags.objects).expanduser(),
+        gripper=load_gripper(flags.gripper),
+        views=flags.views,
+        clutter=flags.clutter,
+        seed=flags.seed,
+        size_px=flags.size,
+        candidates=flags.candidates,
+        randomisation=load_randomisation(flags.randomisation),
+        family=flags.family,
+        unit=flags.unit,
+        fit=flags.fit,
+    )
+
+
+class _Clock:
+    """Shows progress, and remembers how many scenes this run has made in what time."""
+
+    def __init__(self) -> None:
+        self.start = time.monotonic()
+        self.before: int | None = None
+        self.made = 0
+
+    @contextmanager
+    def progress(self, title: str) -> Iterator[Update]:
+        scenes = title == "generating scenes"
+        with progress(title, per_hour="scenes" if scenes else "") as update:
+            yield partial(self._note, update) if scenes else update
+
+    def _note(self, update: Update, done: int, total: int) -> None:
+        if self.before is None:
+            self.start, self.before = time.monotonic(), done
+        self.made = done - self.before
+        update(done, total)
+
+    @property
+    def seconds(self) -> float:
+        return time.monotonic() - self.start
+
+
+def _summary(manifest: Mapping[str, Any], clock: _Clock, out: Path) -> dict[str, Any]:
+    counts = manifest["counts"]
+    seconds = clock.seconds
+    return {
+        **counts,
+        "labels_per_scene": counts["labels"] / max(counts["scenes"], 1),
+        "held_share": counts["labels"] / max(counts["trials"], 1),
+        "made_now": clock.made,
+        "seconds": seconds,
+        "scenes_per_hour": clock.made / seconds * 3600,
+        "data": f"jacquard:{out}",
+        "manifest": str(out / "manifest.json"),
+        "sheet": str(out / "sheet.png"),
+    }
+
+
+def _tell(flags: Generate, summary: Mapping[str, Any]) -> None:
+    tell = teller(flags.json)
+    tell(
+        f"{summary['scenes']} scenes of {summary['objects']} objects in jacquard:{flags.out}, "
+        f"{summary['made_now']} of them made now in {summary['seconds']:.0f} s "
+        f"({summary['scenes_per_hour']:,.0f} scenes an hour)"
+    )
+    outcomes = ", ".join(f"{n} {word}" for word, n in summary["outcomes"].items())
+    tell(f"  {summary['trials']} grasps tried: {outcomes}")
+    tell(
+        f"  {summary['labels_per_scene']:.0f} labels a scene, "
+        f"{summary['held_share']:.1%} of what was tried"
+    )
+    if summary["rejects"]:
+        reasons = ", ".join(f"{n} {reason}" for reason, n in summary["rejects"].items())
+        tell(f"  rejected and replaced on the way: {reasons}")
+    if summary["missing_scenes"]:
+        tell(f"  {summary['missing_scenes']} scenes are missing: no object for them was usable")
+    tell(f"  see {summary['sheet']}, or: graspmap doctor jacquard:{flags.out}")
+
+
+def _sheet(root: Path, gripper: str) -> Any:
+    """Some scenes with some of their labels."""
+    import numpy as np
+
+    from graspmap.data import JacquardScenes, smallest_jaws
+    from graspmap.pictures import Tile, contact_sheet
+
+    scenes = JacquardScenes(root)
+    tiles = []
+    for index in np.linspace(0, len(scenes) - 1, min(_SHOWN, len(scenes))).round().astype(int):
+        scene = scenes[int(index)]
+        assert scene.rgb is not None  # generated scenes have
+        assert scene.grasps is not None
+        grasps = smallest_jaws(scene.grasps)
+        some = np.linspace(0, len(grasps) - 1, min(_LABELS, len(grasps))).round().astype(int)
+        caption = f"{scene.id}: {len(grasps)} grasps"
+        tiles.append(Tile(scene.rgb, caption, grasps=grasps[some]))
+    title = f"{len(scenes)} scenes, gripper {gripper}; jaws blue, opening red"
+    return contact_sheet(tiles, columns=4, cell=300, title=title)

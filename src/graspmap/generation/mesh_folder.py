@@ -1,0 +1,134 @@
+"""A folder of the user's meshes, and the way of each into a model file.
+
+A model file in the data set holds what was really dropped and grasped (the mended surface, its
+convex parts, its mass), so the data set can be used without the meshes.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from graspmap.errors import DatasetNotFoundError, FileError, GraspmapError, GraspmapWarning
+from graspmap.generation.entries import MODELS, MeshEntry
+from graspmap.generation.ledger import file_hash
+from graspmap.generation.model_file import write_model
+from graspmap.generation.plan import GenerationPlan
+
+SUFFIXES = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf", ".3mf")
+"""Endings of the files that are taken for meshes."""
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """A mesh file.
+
+    Args:
+        path: The file.
+        name: Its path below the folder of the meshes, with slashes.
+        id: Name for the object: that of the file, or of its folder where all files are called the
+            same, or both.
+        hash: Of its content; "" where it cannot be read.
+    """
+
+    path: Path
+    name: str
+    id: str
+    hash: str
+
+
+def find_meshes(folder: Path) -> list[MeshFile]:
+    """The mesh files of a folder and of its subfolders, sorted by name.
+
+    Raises:
+        DatasetNotFoundError: The folder does not exist or holds none.
+    """
+    paths = {
+        path.relative_to(folder).as_posix(): path
+        for path in folder.rglob("*")
+        if path.suffix.lower() in SUFFIXES and path.is_file() and not path.name.startswith(".")
+    }
+    if not paths:
+        raise DatasetNotFoundError(
+            folder,
+            f"no mesh ({', '.join(SUFFIXES)}) in it" if folder.is_dir() else "no such folder",
+            "name a folder of meshes, or 'procedural' for objects that graspmap makes up",
+        )
+    names = sorted(paths)
+    ids = _ids(names)
+    return [MeshFile(paths[n], n, ids[n], _hash(paths[n])) for n in names]
+
+
+def prepare_mesh(plan: GenerationPlan, root: Path, file: MeshFile) -> MeshEntry:
+    """Read a mesh, mend it, divide it into convex parts, and write its model file.
+
+    Args:
+        plan: Unit, gripper and whether to scale to it.
+        root: Folder of the data set.
+        file: The mesh.
+
+    Returns:
+        The entry for the ledger; for a mesh that cannot be used, one that says why.
+
+    Raises:
+        StorageFullError: The disk is full.
+        FileError: The model file cannot be written.
+    """
+    from graspmap.simulation.meshes import load_object
+
+    remarks: list[str] = []
+    try:
+        with _remarks(remarks):
+            model = load_object(
+                file.path, unit=plan.unit, gripper=plan.gripper if plan.fit else None
+            )
+    except GraspmapError as error:
+        problem = error.problem if isinstance(error, FileError) else str(error)
+        return MeshEntry(file.name, file.hash, file.id, problem=problem)
+    path = root / MODELS / f"{file.id}.npz"
+    write_model(path, replace(model, id=file.id))
+    files = {path.relative_to(root).as_posix(): file_hash(path)}
+    return MeshEntry(file.name, file.hash, file.id, files, remarks=tuple(remarks))
+
+
+@contextmanager
+def _remarks(found: list[str]) -> Iterator[None]:
+    """Gather graspmap's warnings instead of showing them."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", GraspmapWarning)
+        yield
+    found += [str(w.message) for w in caught if issubclass(w.category, GraspmapWarning)]
+
+
+def _hash(path: Path) -> str:
+    try:
+        return file_hash(path)
+    except FileError:
+        return ""  # that it cannot be read is said when it is to be prepared
+
+
+def _ids(names: list[str]) -> dict[str, str]:
+    """A name for each object: short, unique, and fit for a file name."""
+    parts = {name: name.rpartition(".")[0].split("/") for name in names}
+    for choose in (
+        lambda path: path[-1],
+        lambda path: path[-2] if len(path) > 1 else path[-1],
+        lambda path: "-".join(path),
+    ):
+        ids = {name: _slug(choose(path)) for name, path in parts.items()}
+        if len({id.lower() for id in ids.values()}) == len(ids):
+            return ids
+    count: Counter[str] = Counter()
+    for name, id in ids.items():
+        count[id.lower()] += 1
+        ids[name] = f"{id}-{count[id.lower()]}"
+    return ids
+
+
+def _slug(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_.-]+", "-", text).strip("-.") or "object"

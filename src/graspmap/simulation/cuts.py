@@ -1,0 +1,191 @@
+"""Nearly convex pieces of any closed surface, by cutting it with planes.
+
+A part whose hull stands too far off its surface is cut in two; of a fixed set of planes the one
+after which the hulls are smallest. Pieces that are as good together are joined again. In seconds,
+with the same bits on every machine however busy, which a search with a time limit cannot promise.
+
+All lengths are in parts of the object's longest side. Letters in shapes: V vertices, F triangles,
+N points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from manifold3d import Manifold, Mesh64
+from scipy.spatial import cKDTree
+
+from graspmap.simulation.hulls import (
+    COMPASS,
+    Faces,
+    Floats,
+    arrays,
+    hull,
+    hull_volume,
+)
+
+_DIRECTIONS = np.array([d for d in COMPASS if tuple(d) > (0, 0, 0)])
+_DIRECTIONS /= np.sqrt((_DIRECTIONS**2).sum(axis=1))[:, None]
+_SHARES = (0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85)  # places of the cuts that are tried
+_FINALISTS = 4  # cuts that are really made, to choose among them
+_GRID = 2.0**-26  # of coordinates: differences are then exact
+_CRUMB = 1e-6  # parts with a smaller volume, of the cube of the longest side, are left out
+_SIMPLER = 0.1  # of the tolerance: what the surface may move before it is cut
+_SPACING = 0.75  # of the tolerance: distance of the samples on surfaces
+_BIASED = 0.45  # of the spacing: what samples add to a distance of 0
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A part of the body.
+
+    Args:
+        body: Its surface.
+        samples: (N, 3) points on it.
+        depth: How far its hull stands off it.
+        deepest: (3,) the point of it below the place where that is so.
+        volume: Of its hull.
+    """
+
+    body: Manifold
+    samples: Floats
+    depth: float
+    deepest: Floats
+    volume: float
+
+
+def cut_pieces(vertices: Floats, faces: Faces, tolerance: float, most: int) -> list[Floats]:
+    """Vertices of nearly convex pieces.
+
+    Args:
+        vertices: (V, 3) of a closed surface whose longest side is about 1.
+        faces: (F, 3) counter-clockwise seen from outside.
+        tolerance: How far the hulls may stand off the surface.
+        most: Number of parts after which no more cuts are made.
+    """
+    body = manifold(vertices, faces)
+    body = body.simplify(_SIMPLER * tolerance)
+    waiting = [_part(part, tolerance) for part in _parts(body)]
+    done: list[_Part] = []
+    while waiting:
+        # The part with the deepest hollow first, so that `most` stops where it harms least.
+        part = waiting.pop(max(range(len(waiting)), key=lambda i: waiting[i].depth))
+        sides = _cut(part) if len(waiting) + len(done) + 1 < most else []
+        if part.depth <= tolerance or not sides:
+            done.append(part)
+        else:
+            waiting += [_part(side, tolerance) for side in sides]
+    return _joined(done, tolerance)
+
+
+def manifold(vertices: Floats, faces: Faces) -> Manifold:
+    """A closed surface for manifold3d; vertices at one place are one."""
+    points = np.round(vertices / _GRID) * _GRID
+    unique, place = np.unique(points, axis=0, return_inverse=True)
+    corners = place.reshape(-1)[faces]
+    corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
+    mesh: Any = Mesh64(unique, corners.astype(np.uint64))
+    return Manifold(mesh)
+
+
+def _parts(body: Manifold) -> list[Manifold]:
+    return [part for part in body.decompose() if part.volume() > _CRUMB]
+
+
+def _part(body: Manifold, tolerance: float) -> _Part:
+    spacing = _SPACING * tolerance
+    samples = arrays(body.refine_to_length(spacing))[0]
+    around = Manifold.hull_points(arrays(body)[0])
+    depth, deepest = _hollow(around, samples, spacing)
+    return _Part(body, samples, depth, deepest, around.volume())
+
+
+def _hollow(around: Manifold, samples: Floats, spacing: float) -> tuple[float, Floats]:
+    """How far the surface of a hull stands off the samples of what it is the hull of, and where."""
+    outside = arrays(around.refine_to_length(spacing))[0]
+    distance, nearest = cKDTree(samples).query(outside)
+    worst = int(np.argmax(distance))
+    return float(distance[worst]) - _BIASED * spacing, samples[nearest[worst]]
+
+
+def _cut(part: _Part) -> list[Manifold]:
+    """The parts on both sides of the best plane; none where every plane misses."""
+    vertices, faces = arrays(part.body)
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    edges = edges[edges[:, 0] < edges[:, 1]]
+    planes: list[tuple[float, Floats, float]] = []
+    for normal in _DIRECTIONS:
+        along = vertices @ normal
+        low, high = float(along.min()), float(along.max())
+        offsets = [low + share * (high - low) for share in _SHARES]
+        through = float(part.deepest @ normal)
+        if low + 0.02 * (high - low) < through < high - 0.02 * (high - low):
+            offsets.append(through)
+        planes += [(_cost(vertices, edges, along - at), normal, at) for at in offsets]
+    planes.sort(key=lambda plane: plane[0])
+    best: list[Manifold] = []
+    least = np.inf
+    for _, normal, at in planes[:_FINALISTS]:
+        sides = part.body.split_by_plane(tuple(normal.tolist()), at)
+        parts = [p for side in sides for p in _parts(side)]
+        total = sum(p.hull().volume() for p in parts)
+        if len(parts) > 1 and total < least:
+            best, least = parts, total
+    return best
+
+
+def _cost(vertices: Floats, edges: Faces, above: Floats) -> float:
+    """Volume of the hulls of both sides of the plane that vertices lie ``above``."""
+    a, b = edges[:, 0], edges[:, 1]
+    crossing = above[a] * above[b] < 0
+    a, b = a[crossing], b[crossing]
+    share = above[a] / (above[a] - above[b])
+    section = vertices[a] + share[:, None] * (vertices[b] - vertices[a])
+    return sum(
+        hull_volume(np.concatenate([vertices[side], section])) for side in (above < 0, above > 0)
+    )
+
+
+def _joined(parts: list[_Part], tolerance: float) -> list[Floats]:
+    """Hull vertices of the parts, after those that fit a common hull have been put together."""
+    pieces = {i: _Piece(part.samples, hull(arrays(part.body)[0])[0]) for i, part in enumerate(parts)}
+    tried: dict[tuple[int, int], float] = {}
+    number = len(parts)
+    while True:
+        for pair in combinations(sorted(pieces), 2):
+            if pair not in tried:
+                tried[pair] = _gap(pieces[pair[0]], pieces[pair[1]], tolerance)
+        fitting = [(gap, pair) for pair, gap in tried.items() if gap <= tolerance]
+        if not fitting:
+            return [piece.corners for piece in pieces.values()]
+        _, (i, j) = min(fitting)
+        a, b = pieces.pop(i), pieces.pop(j)
+        corners = hull(np.concatenate([a.corners, b.corners]))[0]
+        pieces[number] = _Piece(np.concatenate([a.samples, b.samples]), corners)
+        tried = {pair: gap for pair, gap in tried.items() if not {i, j} & set(pair)}
+        number += 1
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """Samples (N, 3) on the surface of a part or several, and the corners (V, 3) of their hull."""
+
+    samples: Floats
+    corners: Floats
+
+
+def _gap(a: _Piece, b: _Piece, tolerance: float) -> float:
+    """How far the common hull of two pieces stands off them; infinity where that is too far."""
+    low = np.maximum(a.corners.min(axis=0), b.corners.min(axis=0))
+    high = np.minimum(a.corners.max(axis=0), b.corners.max(axis=0))
+    if (low > high + 1e-6).any():  # they do not touch
+        return np.inf
+    around = Manifold.hull_points(np.concatenate([a.corners, b.corners]))
+    alone = hull_volume(a.corners) + hull_volume(b.corners)
+    # A cheap look first: what stands off by little has little more volume.
+    if around.volume() - alone > 2 * tolerance * around.surface_area():
+        return np.inf
+    return _hollow(around, np.concatenate([a.samples, b.samples]), _SPACING * tolerance)[0]
