@@ -66,14 +66,19 @@ def sleep(folder: Path, task: int) -> None:
     time.sleep(60)
 
 
-def test_leaving_ends_busy_workers(tmp_path):
-    with pytest.raises(KeyboardInterrupt), WorkerPool(partial(sleep, tmp_path), 1) as pool:
+def stop_when_busy(folder: Path) -> None:
+    with WorkerPool(partial(sleep, folder), 1) as pool:
         pool.submit(0)
         pool._hand_out()
         deadline = time.monotonic() + 30
-        while not list(tmp_path.iterdir()) and time.monotonic() < deadline:
+        while not list(folder.iterdir()) and time.monotonic() < deadline:
             time.sleep(0.02)
         raise KeyboardInterrupt
+
+
+def test_leaving_ends_busy_workers(tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        stop_when_busy(tmp_path)
     (name,) = [path.name for path in tmp_path.iterdir()]
     with pytest.raises(ProcessLookupError):
         os.kill(int(name), 0)

@@ -25,7 +25,7 @@ from graspmap.errors import InvalidInputError
 if TYPE_CHECKING:
     from graspmap.data import Scenes
     from graspmap.evaluation import Evaluation, TrialEvaluation
-    from graspmap.generation import GenerationPlan
+    from graspmap.generation.plan import GenerationPlan
     from graspmap.inference import Detector, WeightsCard
     from graspmap.training import Experiment
 
@@ -108,7 +108,7 @@ def run(argv: Sequence[str]) -> int:
 
 
 def _plan(flags: Demo) -> GenerationPlan:
-    from graspmap.generation import GenerationPlan
+    from graspmap.generation.plan import GenerationPlan
     from graspmap.gripper import load_gripper
 
     return GenerationPlan(
@@ -122,7 +122,7 @@ def _plan(flags: Demo) -> GenerationPlan:
 
 
 def _generate(flags: Demo, data: Path, workers: int) -> None:
-    from graspmap.generation import generate
+    from graspmap.generation.generate import generate
 
     generate(_plan(flags), data, workers=workers, progress=progress)
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from graspmap.cli.frame import (
     option,
@@ -24,11 +24,13 @@ from graspmap.cli.progress import Update, progress
 from graspmap.errors import InvalidInputError
 
 if TYPE_CHECKING:
+    from graspmap.data import Scene
     from graspmap.generation.plan import GenerationPlan
+    from graspmap.pictures import Tile
 
 _SHOWN = 12
 """Scenes on the contact sheet."""
-_LABELS = 25
+_LABELS = 8
 """Grasps drawn on each."""
 
 
@@ -77,8 +79,10 @@ class Generate:
     """By how much cameras, lights and surfaces vary: default, plain, or a YAML file."""
     family: Annotated[str | None, option("NAME", "default: all")] = None
     """Kind of made-up objects: a family or a shape, for example extrusion or mug."""
-    unit: Annotated[str | None, option("mm|cm|m|inch", "default: guessed")] = None
-    """Unit of the meshes."""
+    unit: Annotated[Literal["m", "cm", "mm", "inch"] | None, option("UNIT", "default: guessed")] = (
+        None
+    )
+    """Unit of the meshes: m, cm, mm or inch."""
     fit: bool = False
     """Scale each mesh to the gripper: its longest side to the opening, its shortest to at most 0.8
     of it (the rule of EGAD)."""
@@ -191,21 +195,38 @@ def _tell(flags: Generate, summary: Mapping[str, Any]) -> None:
 
 
 def _sheet(root: Path, gripper: str) -> Any:
-    """Some scenes with some of their labels."""
+    """Some scenes, cut out around their objects, with some of their labels."""
     import numpy as np
 
-    from graspmap.data import JacquardScenes, smallest_jaws
-    from graspmap.pictures import Tile, contact_sheet
+    from graspmap.data import JacquardScenes
+    from graspmap.pictures import contact_sheet
 
     scenes = JacquardScenes(root)
-    tiles = []
-    for index in np.linspace(0, len(scenes) - 1, min(_SHOWN, len(scenes))).round().astype(int):
-        scene = scenes[int(index)]
-        assert scene.rgb is not None  # generated scenes have
-        assert scene.grasps is not None
-        grasps = smallest_jaws(scene.grasps)
-        some = np.linspace(0, len(grasps) - 1, min(_LABELS, len(grasps))).round().astype(int)
-        caption = f"{scene.id}: {len(grasps)} grasps"
-        tiles.append(Tile(scene.rgb, caption, grasps=grasps[some]))
+    chosen = np.linspace(0, len(scenes) - 1, min(_SHOWN, len(scenes))).round().astype(int)
+    tiles = [_tile(scenes[int(index)]) for index in chosen]
     title = f"{len(scenes)} scenes, gripper {gripper}; jaws blue, opening red"
     return contact_sheet(tiles, columns=4, cell=300, title=title)
+
+
+def _tile(scene: Scene) -> Tile:
+    import numpy as np
+
+    from graspmap.data import smallest_jaws
+    from graspmap.geometry import affine
+    from graspmap.pictures import Tile
+
+    assert scene.rgb is not None  # generated scenes have all of it
+    assert scene.mask is not None
+    assert scene.grasps is not None
+    rows, columns = np.nonzero(scene.mask)
+    low = np.array([columns.min(), rows.min()])
+    high = np.array([columns.max(), rows.max()]) + 1
+    side = min(len(scene.rgb), max(int(2 * (high - low).max()), len(scene.rgb) // 4))
+    left, top = np.clip((low + high - side) // 2, 0, len(scene.rgb) - side).tolist()
+    grasps = smallest_jaws(scene.grasps)
+    some = np.linspace(0, len(grasps) - 1, min(_LABELS, len(grasps))).round().astype(int)
+    return Tile(
+        scene.rgb[top : top + side, left : left + side],
+        f"{scene.id}: {len(grasps)} grasps",
+        grasps=grasps[some].transformed(affine.translation(-left, -top)),
+    )

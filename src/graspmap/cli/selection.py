@@ -49,8 +49,8 @@ def select(
     Args:
         data: ``kind:directory``.
         depth: Which depth; None: the one that the detector was trained on, else the default.
-        split: ``NAME`` of a part of the split.json beside the weights, or ``FILE.json:NAME``;
-            None: all scenes.
+        split: ``NAME`` of a part of the split.json beside the weights, else of the one in the
+            data's folder, or ``FILE.json:NAME``; None: all scenes.
         weights: Weights file that is measured, if one is.
         device: Where its network runs.
 
@@ -92,10 +92,18 @@ def _split(flag: str | None, weights: Path | None, scenes: Scenes) -> tuple[Spli
     file, colon, part = flag.rpartition(":")
     if colon:
         return read_split(file, scenes), part
-    if beside is None or not beside.is_file():
+    own = scenes.root / "split.json"
+    if beside is not None and beside.is_file():
+        return read_split(beside, scenes), flag
+    if not own.is_file():
         raise FileError(
-            beside or "split.json",
-            "there is no split beside the weights",
+            beside or own,
+            "there is no such split",
             f"name its file: --split FILE.json:{flag}",
         )
-    return read_split(beside, scenes), flag
+    if beside is not None:
+        _LOG.warning(
+            "no split.json lies beside the weights: they may have been trained on any part of %s",
+            own,
+        )
+    return read_split(own, scenes), flag

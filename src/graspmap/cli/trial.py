@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from graspmap.cli.frame import (
     numbers,
@@ -22,8 +23,14 @@ from graspmap.cli.selection import Selection, select
 from graspmap.errors import InvalidInputError
 
 if TYPE_CHECKING:
-    from graspmap.evaluation import TrialEvaluation, TrialPlan
-    from graspmap.geometry import Grasps
+    from graspmap.data import Scenes
+    from graspmap.evaluation import GraspsToTry, TrialEvaluation, TrialPlan
+    from graspmap.simulation.trial import Perturbation
+
+_LOG = logging.getLogger(__name__)
+_REPEATS = 10
+_WORST = 5
+"""Objects that are named as the hardest."""
 
 
 @dataclass(frozen=True)
@@ -34,13 +41,16 @@ class Trial:
       graspmap trial --data jacquard:DIR --predictions predictions.txt --json trial.json
       graspmap trial --data jacquard:demo/scenes --weights demo/run/weights.safetensors --split test
       graspmap trial --data jacquard:DIR --labels --top 20 --gripper franka --animate films
+      graspmap trial --data jacquard:DIR --weights W --top 5 --shake --perturb 2,2 --out report
 
     Scenes that `graspmap generate` made are rebuilt from their records. Any other scene with depth
     and a camera is rebuilt from its depth and mask (2.5D): what the camera saw, extruded to the
     table. Outcomes: held; collided (a finger touches on the way down); empty (nothing between the
     fingers); slipped (it left the fingers before it left the table, or moved too far in them);
-    dropped (it fell during the lift); no_grasp (nothing was predicted).
-    A predictions file is read as by `graspmap evaluate`.
+    dropped (it fell during the lift); no_grasp (nothing was predicted); off_table (above the
+    horizon). A scene that cannot be rebuilt is told, and counts nowhere.
+    A predictions file is read as by `graspmap evaluate`. With --out a run that was stopped goes on
+    where it was.
     """
 
     data: Annotated[str, option("KIND:DIR", "needed")]
@@ -54,29 +64,32 @@ class Trial:
     gripper: Annotated[str | None, option("G", "default: that of the data, else jacquard")] = None
     """Name of a profile (`graspmap gripper list`) or a YAML file."""
     top: Annotated[int | None, option("K", "default: 1; all with --labels")] = None
-    """How many grasps of a scene are tried, best first."""
-    jaw: Annotated[Literal["nearest", "given"], option("nearest|given", "default: nearest")] = (
-        "nearest"
-    )
-    """Jaw size: the gripper's nearest to the predicted one, or the predicted one itself."""
+    """How many grasps of a scene are tried, best first; of labels, drawn by --seed."""
+    jaw: Annotated[str, option("nearest|given|MM", "default: nearest")] = "nearest"
+    """Jaw size: the gripper's nearest to the predicted one, the predicted one itself, or one size
+    for all in millimetres."""
     split: Annotated[str | None, option("NAME", "default: all scenes")] = None
-    """Part of the data: test, validation or train of the split.json beside the weights, or
-    FILE.json:NAME."""
+    """Part of the data: test, validation or train of the split.json beside the weights (or in the
+    data's folder), or FILE.json:NAME."""
     depth: Annotated[str | None, option("NAME", "default: that of the training")] = None
     """Which depth the network sees: perfect or stereo (jacquard), z or range (cornell)."""
+    trial_depth: Annotated[str | None, option("NAME", "default: perfect or z")] = None
+    """Which depth places the grasps, and rebuilds scenes that have no record."""
+    camera: Annotated[Path | None, option("F", "default: that of the data")] = None
+    """Camera file for pictures that come without (JSON or YAML: fx, fy, cx, cy, width, height)."""
     shake: bool = False
     """Shake the gripper after the lift: weak grips lose."""
-    repeats: Annotated[int, option("N", "default: 1")] = 1
-    """Repeats with --perturb; their share that held is the robust success."""
     perturb: Annotated[str | None, option("MM,DEG[,FRICTION,MASS]", "default: none")] = None
     """Standard deviations of the grasp's place (mm), its angle (degrees), and, relative, of
-    friction and mass: 2,2,0.1,0.1."""
+    friction and mass: 2,2,0.1,0.1. Gives the robust success as well."""
+    repeats: Annotated[int | None, option("N", f"default: {_REPEATS}")] = None
+    """Perturbed repeats of each grasp."""
     cluster: Annotated[Literal["scene", "object"], option("scene|object", "default: scene")] = (
         "scene"
     )
     """What the interval takes as independent."""
     seed: Annotated[int, option("N", "default: 0")] = 0
-    """Seed of the perturbation and of the interval."""
+    """Seed of the perturbation, of the drawn labels and of the interval."""
     workers: Annotated[int, option("N", "default: number of cores")] = 0
     """Processes; the result does not depend on it."""
     device: Annotated[str, option("NAME", "default: cpu")] = "cpu"
@@ -84,9 +97,9 @@ class Trial:
     animate: Annotated[Path | None, option("DIR")] = None
     """Folder for small animations (.webp) of some grasps that held and some that failed."""
     out: Annotated[Path | None, option("DIR")] = None
-    """Folder for trials.json and per_grasp.csv."""
+    """Folder for trials.json, per_grasp.csv and, of weights, predictions.txt."""
     json: Annotated[Path | None, option("F")] = None
-    """Write the summary as JSON to this file, - for standard output."""
+    """Write the summary and every grasp as JSON to this file, - for standard output."""
 
 
 def run(argv: Sequence[str]) -> int:
@@ -94,18 +107,23 @@ def run(argv: Sequence[str]) -> int:
     flags = parse(Trial, argv, "graspmap trial")
     _check(flags)
     plan = _plan(flags)
-    chosen, predictions = _predictions(flags)
-    result = _try(flags, plan, chosen, predictions)
+    chosen, todo = _grasps(flags, plan)
+    from graspmap.data import read_scenes
     from graspmap.evaluation import write_trials
 
+    # Exact depth, whatever the network saw: it says where things really are.
+    scenes = read_scenes(flags.data, depth=flags.trial_depth).subset(chosen.scenes.ids)
+    if flags.out is not None and flags.weights is not None:
+        _write_predictions(flags.out / "predictions.txt", todo, scenes)
+    result = _try(flags, plan, scenes, todo)
     summary = result.to_dict() if flags.out is None else write_trials(result, flags.out)
     if chosen.split is not None:
-        summary = {**summary, "split": {"part": chosen.part, "hash": chosen.split.hash}}
-    summary["grasps"] = result.rows()
+        summary["split"] = {"part": chosen.part, "hash": chosen.split.hash}
+    summary["unknown_predictions"] = len(todo.unknown)
     _tell(flags, result)
     if flags.animate is not None:
-        summary["animations"] = _animate(flags, result, chosen)
-    write_json(summary, flags.json)
+        summary["animations"] = _animate(flags, result, scenes)
+    write_json({**summary, "grasps": result.entries()}, flags.json)
     return 0
 
 
@@ -115,66 +133,101 @@ def _check(flags: Trial) -> None:
         raise InvalidInputError(
             "--weights, --predictions and --labels", f"{sum(sources)} of them", "exactly one"
         )
-    for name, value, least in (("--seed", flags.seed, 0), ("--repeats", flags.repeats, 1)):
-        if value < least:
-            raise InvalidInputError(name, value, f"{least} or more")
-    if flags.top is not None and flags.top < 1:
-        raise InvalidInputError("--top", flags.top, "1 or more")
-    if flags.workers < 0:
-        raise InvalidInputError("--workers", flags.workers, "1 or more, 0 for every core")
-    if flags.repeats > 1 and flags.perturb is None:
+    if flags.depth is not None and flags.weights is None:
         raise InvalidInputError(
-            "--repeats", flags.repeats, "1 without --perturb: unperturbed repeats are all the same"
+            "--depth",
+            flags.depth,
+            "only with --weights: it is what the network sees; see --trial-depth",
+        )
+    for name, value, least in (
+        ("--seed", flags.seed, 0),
+        ("--repeats", flags.repeats, 1),
+        ("--top", flags.top, 1),
+        ("--workers", flags.workers, 0),
+    ):
+        if value is not None and value < least:
+            raise InvalidInputError(name, value, f"{least} or more")
+    if flags.repeats is not None and flags.perturb is None:
+        raise InvalidInputError(
+            "--repeats", flags.repeats, "only with --perturb: repeats are all the same without"
         )
     for folder, flag in ((flags.out, "--out"), (flags.animate, "--animate")):
         if folder is not None:
             output_folder(folder, flag)
-    output_file(flags.json, "--json", keep=[flags.weights, flags.predictions])
+    output_file(flags.json, "--json", keep=[flags.weights, flags.predictions, flags.camera])
 
 
 def _plan(flags: Trial) -> TrialPlan:
-    import math
-
     from graspmap.evaluation import TrialPlan
+    from graspmap.geometry import Camera
     from graspmap.gripper import load_gripper
-    from graspmap.simulation.trial import Perturbation, Shake, TrialSettings
+    from graspmap.simulation.trial import Shake
 
-    perturbation = None
-    if flags.perturb is not None:
-        short = len(flags.perturb.split(",")) == 2
-        values = numbers(
-            flags.perturb + (",0,0" if short else ""), "MM,DEG,FRICTION,MASS", "--perturb"
-        )
-        perturbation = Perturbation(
-            position_m=values[0] / 1000,
-            angle_rad=math.radians(values[1]),
-            friction=values[2],
-            mass=values[3],
-        )
-    top = flags.top if flags.top is not None or flags.labels else 1
     return TrialPlan(
         gripper=None if flags.gripper is None else load_gripper(flags.gripper),
-        top=top,
-        jaw=flags.jaw,
-        settings=TrialSettings(shake=Shake()) if flags.shake else None,
-        perturbation=perturbation,
-        repeats=flags.repeats,
+        # Of labels, those to try are drawn before.
+        top=None if flags.labels else flags.top or 1,
+        ranked=not flags.labels,
+        jaw=_jaw(flags.jaw),
+        distinct=flags.labels,
+        shake=Shake() if flags.shake else None,
+        perturbation=None if flags.perturb is None else _perturbation(flags.perturb),
+        repeats=1 if flags.perturb is None else flags.repeats or _REPEATS,
+        camera=None if flags.camera is None else Camera.read(flags.camera),
         seed=flags.seed,
     )
 
 
-def _predictions(flags: Trial) -> tuple[Selection, dict[str, Grasps]]:
-    """The scenes, and the grasps to try on each in pixels of its picture."""
+def _jaw(text: str) -> Literal["nearest", "given"] | float:
+    if text == "nearest":
+        return "nearest"
+    if text == "given":
+        return "given"
+    try:
+        size_m = float(text) / 1000
+    except ValueError:
+        size_m = 0.0
+    if not 0 < size_m <= 1:
+        raise InvalidInputError("--jaw", repr(text), "nearest, given, or millimetres above 0")
+    return size_m
+
+
+def _perturbation(text: str) -> Perturbation:
+    import math
+
+    from graspmap.simulation.trial import Perturbation
+
+    short = len(text.split(",")) == 2
+    values = numbers(text + (",0,0" if short else ""), "MM,DEG,FRICTION,MASS", "--perturb")
+    return Perturbation(
+        position_m=values[0] / 1000,
+        angle_rad=math.radians(values[1]),
+        friction=values[2],
+        mass=values[3],
+    )
+
+
+def _grasps(flags: Trial, plan: TrialPlan) -> tuple[Selection, GraspsToTry]:
+    """The scenes, and the grasps to try on each."""
     from graspmap.evaluation import file_predictions, labelled_grasps, predict_scenes
 
     if flags.weights is None:
-        chosen = select(flags.data, depth=flags.depth, split=flags.split)
+        chosen = select(flags.data, depth=None, split=flags.split)
         if flags.predictions is None:
-            return chosen, labelled_grasps(chosen.scenes)
+            return chosen, labelled_grasps(chosen.scenes, top=flags.top, seed=flags.seed)
         from graspmap.data import read_predictions
 
         given = read_predictions(flags.predictions)
-        return chosen, file_predictions(given, chosen.scenes, chosen.everything.ids)
+        todo = file_predictions(given, chosen.scenes, chosen.everything.ids)
+        if todo.unknown:
+            _LOG.warning(
+                "%d of %d predictions are for scenes that %s lacks (first %s); they are left out",
+                len(todo.unknown),
+                len(given),
+                flags.data,
+                todo.unknown[0],
+            )
+        return chosen, todo
     chosen = select(
         flags.data,
         depth=flags.depth,
@@ -184,56 +237,104 @@ def _predictions(flags: Trial) -> tuple[Selection, dict[str, Grasps]]:
     )
     assert chosen.detector is not None  # there are weights
     with progress("detecting") as update:
-        top = flags.top or 1
-        return chosen, predict_scenes(chosen.detector, chosen.scenes, top=top, progress=update)
+        return chosen, predict_scenes(
+            chosen.detector,
+            chosen.scenes,
+            top=flags.top or 1,
+            gripper=plan.gripper,
+            progress=update,
+        )
 
 
-def _try(
-    flags: Trial, plan: TrialPlan, chosen: Selection, predictions: dict[str, Grasps]
-) -> TrialEvaluation:
-    from graspmap.data import read_scenes
+def _try(flags: Trial, plan: TrialPlan, scenes: Scenes, todo: GraspsToTry) -> TrialEvaluation:
     from graspmap.evaluation import try_grasps
 
-    # The exact depth, whatever the network saw: it says where things really are.
-    scenes = read_scenes(flags.data).subset(chosen.scenes.ids)
     workers = flags.workers or os.cpu_count() or 1
-    with progress("trying grasps, scenes") as update:
+    with progress("trying grasps, scenes", per_hour="scenes") as update:
         return try_grasps(
-            predictions, scenes, plan, cluster=flags.cluster, workers=workers, progress=update
+            todo.grasps,
+            scenes,
+            plan,
+            skipped=todo.skipped,
+            cluster=flags.cluster,
+            workers=workers,
+            folder=flags.out,
+            progress=update,
         )
+
+
+def _write_predictions(path: Path, todo: GraspsToTry, scenes: Scenes) -> None:
+    """What the detector said, in the format that ``--predictions`` and Jacquard's server take."""
+    from graspmap.data import write_predictions
+    from graspmap.data.jacquard import JACQUARD_SIDE_PX
+    from graspmap.evaluation import in_file_frame
+
+    try:
+        found = in_file_frame(todo.grasps, scenes)
+    except InvalidInputError as error:  # the format knows square pictures only
+        _LOG.warning("%s is not written: %s", path, error)
+        return
+    write_predictions(path, found, size_px=JACQUARD_SIDE_PX)
 
 
 def _tell(flags: Trial, result: TrialEvaluation) -> None:
     tell = teller(flags.json)
-    score = result.score
-    low, high = score.interval
-    scenes = len({tried.scene for tried in result.tried})
-    tell(f"{score.trials} grasps in {scenes} scenes of {flags.data}, {', '.join(result.grippers)}")
+    score, summary = result.score, result.to_dict()
+    grippers = ", ".join(result.grippers)
+    tell(f"{score.trials} grasps in {result.scenes} scenes of {flags.data}, gripper {grippers}")
     tell(
-        f"  held {score.held} of {score.trials}: success {score.success:.1%} "
-        f"({score.confidence:.0%} interval {low:.1%} to {high:.1%}), "
+        f"  held {score.held} of {score.trials}: success {_share(score.success, score.interval)}, "
         f"averaged over objects {score.object_mean:.1%}"
     )
     tell("  outcomes: " + ", ".join(f"{name} {n}" for name, n in score.outcomes.items()))
-    robust = result.to_dict()["robust_success"]
-    if robust is not None:
-        tell(f"  robust success {robust:.1%} over {flags.repeats} perturbed repeats of each")
-    worst = sorted(score.per_object.items(), key=lambda item: item[1].success)
-    if len(worst) > 1:
-        tell(
-            "  hardest objects: "
-            + ", ".join(f"{name} {s.held} of {s.trials}" for name, s in worst[:5])
-        )
+    for line in (_ranks(summary), _robust(summary), _hardest(summary)):
+        if line:
+            tell(line)
     if result.skipped:
-        tell(f"  {len(result.skipped)} scenes could not be rebuilt and count nowhere")
+        tell(f"  {len(result.skipped)} scenes could not be tried and count nowhere")
+    if flags.out is not None:
+        tell(f"  written: {flags.out / 'trials.json'}, {flags.out / 'per_grasp.csv'}")
 
 
-def _animate(flags: Trial, result: TrialEvaluation, chosen: Selection) -> list[str]:
+def _share(share: float, interval: Sequence[float]) -> str:
+    low, high = interval
+    return f"{share:.1%} (95% interval {low:.1%} to {high:.1%})"
+
+
+def _ranks(summary: dict[str, Any]) -> str:
+    """Success by rank, where several grasps of a scene were tried."""
+    ranks = summary.get("per_rank", {})
+    if len(ranks) < 2:
+        return ""
+    shares = ", ".join(f"{int(rank) + 1}: {s['success']:.1%}" for rank, s in ranks.items())
+    reached = summary["one_of_first"][str(len(ranks))]["success"]
+    return f"  by rank {shares}; one of the first {len(ranks)} holds in {reached:.1%} of the scenes"
+
+
+def _robust(summary: dict[str, Any]) -> str:
+    share = summary["robust_success"]
+    if share is None:
+        return ""
+    return f"  robust success, perturbed: {_share(share, summary['robust_interval'])}"
+
+
+def _hardest(summary: dict[str, Any]) -> str:
+    """The objects with the most failures."""
+    failing = {k: s for k, s in summary["per_object"].items() if s["held"] < s["trials"]}
+    if not failing or len(summary["per_object"]) < 2:
+        return ""
+    worst = sorted(failing.items(), key=lambda item: item[1]["success"])[:_WORST]
+    return "  hardest objects: " + ", ".join(
+        f"{name} {s['held']} of {s['trials']}" for name, s in worst
+    )
+
+
+def _animate(flags: Trial, result: TrialEvaluation, scenes: Scenes) -> list[str]:
     """Films of some grasps of each outcome."""
     from graspmap.evaluation import animate_trials
 
     assert flags.animate is not None  # run() saw to it
     with progress("filming") as update:
-        files = animate_trials(result, chosen.scenes, flags.animate, progress=update)
+        files = animate_trials(result, scenes, flags.animate, progress=update)
     teller(flags.json)(f"  {len(files)} animations in {flags.animate}")
     return [str(file) for file in files]

@@ -379,7 +379,8 @@ def _find(root: Path) -> dict[str, JacquardFiles]:
 def _names(root: Path) -> Iterator[tuple[Path, str, frozenset[str]]]:
     """Folder, scene name and the folder's files, for each colour picture below ``root``."""
     for folder, subfolders, names in os.walk(root, followlinks=True):
-        subfolders.sort()
+        # Hidden folders are somebody's scratch: `graspmap generate` keeps unfinished scenes there.
+        subfolders[:] = sorted(name for name in subfolders if not name.startswith("."))
         siblings = frozenset(names)
         for name in sorted(names):
             if name.endswith(_SUFFIX["rgb"]) and not name.startswith("."):

@@ -15,24 +15,25 @@ if TYPE_CHECKING:
         GraspDetector,
         evaluate_detector,
         evaluate_predictions,
+        in_file_frame,
         to_predictions,
     )
-    from graspmap.evaluation.results import Evaluation, SceneResult
-    from graspmap.evaluation.trials import (
-        TrialEvaluation,
-        TrialPlan,
-        TriedGrasp,
+    from graspmap.evaluation.grasps_to_try import (
+        GraspsToTry,
         file_predictions,
         labelled_grasps,
         predict_scenes,
-        try_grasps,
-        write_trials,
     )
+    from graspmap.evaluation.results import Evaluation, SceneResult
+    from graspmap.evaluation.trial_plan import TrialPlan
+    from graspmap.evaluation.trial_results import TrialEvaluation, TriedGrasp, write_trials
+    from graspmap.evaluation.trials import try_grasps
 
 __all__ = [
     "CenterGrasp",
     "Evaluation",
     "GraspDetector",
+    "GraspsToTry",
     "SceneResult",
     "TrialEvaluation",
     "TrialPlan",
@@ -42,6 +43,7 @@ __all__ = [
     "evaluate_detector",
     "evaluate_predictions",
     "file_predictions",
+    "in_file_frame",
     "labelled_grasps",
     "predict_scenes",
     "to_predictions",
@@ -53,20 +55,22 @@ _HOME = {
     "CenterGrasp": "baselines",
     "Evaluation": "results",
     "GraspDetector": "evaluate",
+    "GraspsToTry": "grasps_to_try",
     "SceneResult": "results",
-    "TrialEvaluation": "trials",
-    "TrialPlan": "trials",
-    "TriedGrasp": "trials",
+    "TrialEvaluation": "trial_results",
+    "TrialPlan": "trial_plan",
+    "TriedGrasp": "trial_results",
     "animate_trials": "animations",
     "center_grasp_baseline": "baselines",
     "evaluate_detector": "evaluate",
     "evaluate_predictions": "evaluate",
-    "file_predictions": "trials",
-    "labelled_grasps": "trials",
-    "predict_scenes": "trials",
+    "file_predictions": "grasps_to_try",
+    "in_file_frame": "evaluate",
+    "labelled_grasps": "grasps_to_try",
+    "predict_scenes": "grasps_to_try",
     "to_predictions": "evaluate",
     "try_grasps": "trials",
-    "write_trials": "trials",
+    "write_trials": "trial_results",
 }
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import logging
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from graspmap.errors import InvalidInputError
 from graspmap.evaluation.results import Evaluation, SceneResult
 from graspmap.geometry.affine import resize
 from graspmap.geometry.grasps import Grasps
+from graspmap.gripper import Gripper
 from graspmap.metrics.protocols import Decoding, RectangleProtocol, find_protocol
 from graspmap.metrics.rectangle import THRESHOLDS, best_overlap, score_rectangles
 
@@ -138,17 +139,38 @@ def evaluate_predictions(
 
 
 def detect_in(
-    detector: GraspDetector, scenes: Scenes, index: int, *, top: int, method: Decoding
+    detector: GraspDetector,
+    scenes: Scenes,
+    index: int,
+    *,
+    top: int,
+    method: Decoding,
+    gripper: Gripper | None = None,
 ) -> Grasps:
     """What a detector finds in scene ``index``, pixels of its picture, best first.
+
+    Args:
+        detector: The detector.
+        scenes: The data set.
+        index: Number of the scene.
+        top: How many grasps at most.
+        method: How to read grasps from maps.
+        gripper: `graspmap.Detector` leaves out what it cannot open for, where the scene has depth
+            and a camera; other detectors are not told.
 
     Raises:
         InvalidInputError: The scene lacks what the detector needs; the error names it.
         FileError: A file of the scene is missing or damaged.
     """
     scene = scenes.read(index)
+    options: dict[str, Any] = {"top": top, "method": method}
+    if gripper is not None and scene.camera is not None and scene.depth is not None:
+        from graspmap.inference import Detector
+
+        if isinstance(detector, Detector):
+            options |= {"camera": scene.camera, "gripper": gripper}
     try:
-        return detector.detect(scene.rgb, scene.depth, top=top, method=method).grasps
+        return detector.detect(scene.rgb, scene.depth, **options).grasps
     except InvalidInputError as error:
         name = f"scene {scene.id} of {scenes.kind}:{scenes.root}: {error.name}"
         raise InvalidInputError(name, error.found, error.allowed) from error
@@ -169,14 +191,25 @@ def to_predictions(evaluation: Evaluation, scenes: Scenes) -> dict[str, Grasps]:
     Returns:
         Grasps by scene id; write them with ``write_predictions(..., size_px=1024)``.
     """
+    return in_file_frame({result.id: result.grasp for result in evaluation.results}, scenes)
+
+
+def in_file_frame(grasps: Mapping[str, Grasps], scenes: Scenes) -> dict[str, Grasps]:
+    """Grasps in pixels of each picture as a predictions file holds them; see `to_predictions`.
+
+    Args:
+        grasps: By scene id.
+        scenes: The scenes that they belong to.
+    """
     positions = {name: index for index, name in enumerate(scenes.ids)}
     predictions = {}
-    for result in evaluation.results:
-        side = _file_frame_side(scenes, positions[result.id])
-        grasp = result.grasp.transformed(resize(JACQUARD_SIDE_PX / side))
+    for name, found in grasps.items():
+        side = _file_frame_side(scenes, positions[name])
+        moved = found.transformed(resize(JACQUARD_SIDE_PX / side))
         # The format has two decimals: a closed gripper can't be written, and it hits nothing.
-        if (grasp.width >= 0.01).any():
-            predictions[result.id] = grasp
+        moved = moved[np.flatnonzero(moved.width >= 0.01)]
+        if len(moved):
+            predictions[name] = moved
     return predictions
 
 

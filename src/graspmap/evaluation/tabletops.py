@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from graspmap.data.scene import Depth, Scenes
+from graspmap.data.scene import Depth, Scene, Scenes
 from graspmap.errors import InvalidInputError
-from graspmap.generation.scene_file import find_record, read_record
+from graspmap.generation.scene_file import SceneRecord, find_record, read_record
 from graspmap.geometry.camera import Camera
 from graspmap.geometry.transforms import RigidTransform
 from graspmap.gripper import Gripper
@@ -22,7 +22,7 @@ from graspmap.simulation.trial import TrialSettings
 class SceneWorld:
     """What trials of a scene need.
 
-    Args:
+    Attributes:
         tabletop: The objects on the table.
         depth_m: (H, W) metres; places grasps of the picture on the table.
         camera: Intrinsics of the picture.
@@ -39,37 +39,70 @@ class SceneWorld:
     settings: TrialSettings | None = None
 
 
-def scene_world(scenes: Scenes, index: int) -> SceneWorld:
+def scene_world(scenes: Scenes, index: int, *, camera: Camera | None = None) -> SceneWorld:
     """Rebuild the tabletop of scene ``index``.
 
+    Args:
+        scenes: With the depth that says where things are.
+        index: Number of the scene.
+        camera: Intrinsics of pictures that come without.
+
     Raises:
-        InvalidInputError: It has no depth or no camera, or its depth shows no table or no object.
+        InvalidInputError: It has no depth or no camera, its depth shows no table or no object, or
+            its record no longer gives the same objects.
         FileError: A file of the scene is missing or damaged.
     """
+    record = _record(scenes, index)
     scene = scenes.read(index)
-    data = f"scene {scene.id} of {scenes.kind}:{scenes.root}"
-    if scene.depth is None or scene.camera is None:
-        missing = "depth" if scene.depth is None else "camera"
+    if scene.depth is None:
+        raise InvalidInputError("depth", "missing", "scenes with depth in metres: it says where")
+    if record is not None:
+        return _recorded(record, scene, scene.depth)
+    camera = scene.camera or camera
+    if camera is None:
         raise InvalidInputError(
-            f"{missing} of {data}", "missing", "depth in metres and intrinsics, to try grasps on it"
+            "camera", "missing", "scenes whose camera is known, or a camera file (--camera)"
         )
-    path = find_record(scenes.files(index))
-    if path is not None:
-        record = read_record(path)
-        return SceneWorld(
-            record.tabletop(),
-            scene.depth,
-            scene.camera,
-            record.view.T_world_camera,
-            record.gripper,
-            record.settings,
+    if (camera.height, camera.width) != scene.shape:
+        raise InvalidInputError(
+            "size of the camera's picture",
+            f"{camera.width} x {camera.height}",
+            f"{scene.shape[1]} x {scene.shape[0]}, that of the scene's",
         )
     # Jacquard shows one object a picture; elsewhere parts that do not touch are objects.
     bodies: Bodies = "one" if scenes.kind == "jacquard" else "components"
-    try:
-        rebuilt = rebuild_tabletop(
-            scene.depth, scene.mask, scene.camera, scene.T_world_camera, bodies=bodies
+    rebuilt = rebuild_tabletop(scene.depth, scene.mask, camera, scene.T_world_camera, bodies=bodies)
+    return SceneWorld(rebuilt.tabletop, scene.depth, camera, rebuilt.T_world_camera)
+
+
+def scene_gripper(scenes: Scenes, index: int) -> Gripper | None:
+    """The gripper that scene ``index`` was made for; None where there is no record of it.
+
+    Raises:
+        FileError: The record is damaged.
+    """
+    record = _record(scenes, index)
+    return None if record is None else record.gripper
+
+
+def _record(scenes: Scenes, index: int) -> SceneRecord | None:
+    path = find_record(scenes.files(index))
+    return None if path is None else read_record(path)
+
+
+def _recorded(record: SceneRecord, scene: Scene, depth_m: Depth) -> SceneWorld:
+    camera = record.view.camera
+    if (camera.height, camera.width) != scene.shape:
+        raise InvalidInputError(
+            "size of the picture",
+            f"{scene.shape[1]} x {scene.shape[0]}",
+            f"{camera.width} x {camera.height}, as the scene was made",
         )
-    except InvalidInputError as error:
-        raise InvalidInputError(f"{data}: {error.name}", error.found, error.allowed) from error
-    return SceneWorld(rebuilt.tabletop, scene.depth, scene.camera, rebuilt.T_world_camera)
+    return SceneWorld(
+        record.tabletop(),
+        depth_m,
+        camera,
+        record.view.T_world_camera,
+        record.gripper,
+        record.settings,
+    )

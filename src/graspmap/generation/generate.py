@@ -25,6 +25,7 @@ ATTEMPTS = 5
 """Objects that an item may try before it is given up."""
 
 _HOPELESS = 10  # items given up, and not one made
+_REMARKS = 5  # about meshes, shown in full
 _PARTS = ("train", "validation", "test")
 _LOG = logging.getLogger(__name__)
 
@@ -108,8 +109,12 @@ def _prepare(
     for entry in entries:
         if entry.problem:
             _LOG.warning("mesh %s is left out: %s", entry.file, entry.problem)
-    for remark, count in Counter(text for entry in entries for text in entry.remarks).items():
-        _LOG.info("%d of %d meshes: %s", count, len(entries), remark)
+    remarks = [f"mesh {entry.file}: {text}" for entry in entries for text in entry.remarks]
+    for remark in remarks[:_REMARKS]:
+        _LOG.warning(remark)
+    if len(remarks) > _REMARKS:
+        more = len(remarks) - _REMARKS
+        _LOG.warning("%d more remarks about meshes will be in manifest.json", more)
     usable = [entry for entry in entries if not entry.problem]
     if files and not usable:
         raise InvalidInputError(

@@ -29,9 +29,10 @@ from graspmap.simulation.render import (
     check_in_view,
     render,
     sample_appearance,
+    sample_sensor,
     sample_view,
+    stereo_depth,
 )
-from graspmap.simulation.render.sensor import sample_sensor, stereo_depth
 from graspmap.simulation.settle import UnsettledError, settle
 
 TRIES = 4

@@ -11,7 +11,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from graspmap.errors import DatasetNotFoundError, FileError, GraspmapError, GraspmapWarning
@@ -19,9 +19,7 @@ from graspmap.generation.entries import MODELS, MeshEntry
 from graspmap.generation.ledger import file_hash
 from graspmap.generation.model_file import write_model
 from graspmap.generation.plan import GenerationPlan
-
-SUFFIXES = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf", ".3mf")
-"""Endings of the files that are taken for meshes."""
+from graspmap.simulation.meshes import MESH_SUFFIXES, load_object
 
 
 @dataclass(frozen=True)
@@ -51,12 +49,12 @@ def find_meshes(folder: Path) -> list[MeshFile]:
     paths = {
         path.relative_to(folder).as_posix(): path
         for path in folder.rglob("*")
-        if path.suffix.lower() in SUFFIXES and path.is_file() and not path.name.startswith(".")
+        if path.suffix.lower() in MESH_SUFFIXES and path.is_file() and not path.name.startswith(".")
     }
     if not paths:
         raise DatasetNotFoundError(
             folder,
-            f"no mesh ({', '.join(SUFFIXES)}) in it" if folder.is_dir() else "no such folder",
+            f"no mesh ({', '.join(MESH_SUFFIXES)}) in it" if folder.is_dir() else "no such folder",
             "name a folder of meshes, or 'procedural' for objects that graspmap makes up",
         )
     names = sorted(paths)
@@ -79,30 +77,28 @@ def prepare_mesh(plan: GenerationPlan, root: Path, file: MeshFile) -> MeshEntry:
         StorageFullError: The disk is full.
         FileError: The model file cannot be written.
     """
-    from graspmap.simulation.meshes import load_object
-
     remarks: list[str] = []
     try:
-        with _remarks(remarks):
-            model = load_object(
-                file.path, unit=plan.unit, gripper=plan.gripper if plan.fit else None
-            )
+        with _remarks(file.path, remarks):
+            fit_to = plan.gripper if plan.fit else None
+            model = load_object(file.path, id=file.id, unit=plan.unit, fit_to=fit_to)
     except GraspmapError as error:
         problem = error.problem if isinstance(error, FileError) else str(error)
         return MeshEntry(file.name, file.hash, file.id, problem=problem)
     path = root / MODELS / f"{file.id}.npz"
-    write_model(path, replace(model, id=file.id))
+    write_model(path, model)
     files = {path.relative_to(root).as_posix(): file_hash(path)}
     return MeshEntry(file.name, file.hash, file.id, files, remarks=tuple(remarks))
 
 
 @contextmanager
-def _remarks(found: list[str]) -> Iterator[None]:
-    """Gather graspmap's warnings instead of showing them."""
+def _remarks(path: Path, found: list[str]) -> Iterator[None]:
+    """Gather graspmap's warnings about a file instead of showing them, without its path."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", GraspmapWarning)
         yield
-    found += [str(w.message) for w in caught if issubclass(w.category, GraspmapWarning)]
+    told = [str(w.message) for w in caught if issubclass(w.category, GraspmapWarning)]
+    found += [text.removeprefix(f"{path}: ") for text in told]
 
 
 def _hash(path: Path) -> str:

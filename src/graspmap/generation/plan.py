@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from pydantic import TypeAdapter
 
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.gripper import Gripper
+from graspmap.simulation.meshes import Unit
 from graspmap.simulation.procedural import FAMILIES, ObjectRanges
 from graspmap.simulation.render import Randomisation
 from graspmap.simulation.settings import TrialSettings
@@ -60,7 +61,7 @@ class GenerationPlan:
     settings: TrialSettings = field(default_factory=TrialSettings)
     family: str | None = None
     ranges: ObjectRanges | None = None
-    unit: str | None = None
+    unit: Unit | None = None
     fit: bool = False
 
     def __post_init__(self) -> None:
@@ -90,6 +91,8 @@ class GenerationPlan:
                 raise UnknownNameError("family of objects", self.family, [*FAMILIES, *shapes])
         elif self.family is not None or self.ranges is not None:
             raise InvalidInputError("family or ranges", "given", "neither for meshes")
+        elif self.unit is not None and self.unit not in get_args(Unit):
+            raise UnknownNameError("unit", self.unit, get_args(Unit))
 
     def _check_jaws(self) -> None:
         """See that the gripper's jaws are neither specks nor larger than the picture."""

@@ -5,10 +5,11 @@ Letters in shapes: T trials.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,6 +17,8 @@ from graspmap.errors import InvalidInputError
 from graspmap.metrics.intervals import Groups, bootstrap_means, wilson_interval
 
 HELD = "held"
+
+Name = TypeVar("Name", str, int)
 
 
 @dataclass(frozen=True)
@@ -111,8 +114,8 @@ def score_trials(
     )
 
 
-def group_scores(outcomes: Sequence[str], groups: Sequence[str]) -> dict[str, GroupScore]:
-    """Score of each group of trials, by its name in alphabetical order.
+def group_scores(outcomes: Sequence[str], groups: Sequence[Name]) -> dict[Name, GroupScore]:
+    """Score of each group of trials, by its name (or number) in ascending order.
 
     Args:
         outcomes: T outcomes.
@@ -121,3 +124,27 @@ def group_scores(outcomes: Sequence[str], groups: Sequence[str]) -> dict[str, Gr
     trials = Counter(groups)
     held = Counter(g for g, outcome in zip(groups, outcomes, strict=True) if outcome == HELD)
     return {name: GroupScore(trials[name], held[name]) for name in sorted(trials)}
+
+
+def first_scores(
+    outcomes: Sequence[str], scenes: Sequence[str], ranks: Sequence[int]
+) -> dict[int, GroupScore]:
+    """Scenes in which one of the first k grasps held: what a robot reaches that tries again.
+
+    Args:
+        outcomes: T outcomes.
+        scenes: T names of the scenes.
+        ranks: T places of the grasps in their scenes, 0 for the best.
+
+    Returns:
+        For each k from 1 to the longest list, how many scenes there are and in how many of them
+        one of the first k held.
+    """
+    first = dict.fromkeys(scenes, math.inf)
+    for scene, rank, outcome in zip(scenes, ranks, outcomes, strict=True):
+        if outcome == HELD:
+            first[scene] = min(first[scene], rank)
+    return {
+        k: GroupScore(len(first), sum(rank < k for rank in first.values()))
+        for k in range(1, max(ranks, default=-1) + 2)
+    }

@@ -7,6 +7,7 @@ the opening, z up, metres. Letters in shapes: B objects.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -86,6 +87,8 @@ class Attempt:
         # Who belongs to a finger: 0 right, 1 left, -1 neither.
         self._finger = np.full(len(world.owner), -1, dtype=np.intp)
         self._finger[self._parts.geoms] = (0, 1)
+        # What the fingers pressed on at the last looks; at a single one a contact may be missing.
+        self._recent: deque[Floats] = deque(maxlen=settings.stall_checks)
 
     def run(self, start: Start) -> Ending:
         """Everything from closing to the verdict."""
@@ -94,7 +97,7 @@ class Attempt:
             return ending
         closed_m, (index, force) = self._opening(), self._grasped()
         if index is None:
-            return Ending(Outcome.EMPTY, "the fingers closed on nothing", None, closed_m, 0.0)
+            return self._closed_on_nothing()
         held = _Held(self, index, start, closed_m, force)
         for phase in (self._lift, self._hold, self._shake):
             lost = phase(held)
@@ -159,16 +162,19 @@ class Attempt:
         still = 0
         for _ in range(checks):
             self.advance("close")
+            self._recent.append(self.forces())
             if self._opening() < self._gripper.min_opening_m + _CLOSED_M:
-                if not self.forces().any():
-                    closed = self._opening()
-                    return Ending(Outcome.EMPTY, "the fingers closed on nothing", None, closed, 0.0)
+                if not self._recent[-1].any():
+                    return self._closed_on_nothing()
                 break
             stopped = (np.abs(data.qvel[parts.finger_v]) < settings.stall_speed_m_s).all()
             still = still + 1 if stopped else 0
             if still >= settings.stall_checks:
                 break
         return self._unstable()
+
+    def _closed_on_nothing(self) -> Ending:
+        return Ending(Outcome.EMPTY, "the fingers closed on nothing", None, self._opening(), 0.0)
 
     def _unstable(self) -> Ending | None:
         if self._world.unstable():
@@ -196,6 +202,7 @@ class Attempt:
     def _hold(self, held: _Held) -> Ending | None:
         for _ in range(round(self._settings.hold_s / self._settings.check_s)):
             self.advance("hold")
+            self._recent.append(self.forces())
             if held.lost():
                 return self._unstable() or held.verdict()
         return self._unstable()
@@ -235,12 +242,16 @@ class Attempt:
 
     def _grasped(self) -> tuple[int | None, float]:
         """The object that both fingers press on (else the one they press most), and how much."""
-        forces = self.forces()
+        forces = np.mean(self._recent, axis=0)
         if not forces.any():
             return None, 0.0
         both = forces.min(axis=0)
         index = int(np.argmax(both if both.any() else forces.sum(axis=0)))
         return index, float(forces[:, index].mean())
+
+    def pressed(self) -> Floats:
+        """(2, B) greatest force of each finger on each object at the last looks."""
+        return np.asarray(np.max(self._recent, axis=0))
 
     def on_table(self, index: int) -> bool:
         """Whether an object touches the table."""
@@ -274,12 +285,18 @@ class _Held:
     def _pinch(self) -> Floats:
         """Middle of what the fingers hold: the mean of their contacts with the object."""
         data, attempt = self._data, self._attempt
+        parts = self._world.gripper
+        assert parts is not None
+        right, left = data.qpos[parts.finger_q]
+        middle = np.array([(right - left) / 2, 0.0, data.qpos[parts.base_q]])
+        if not data.ncon:
+            return middle
         pairs = data.contact.geom
         finger = attempt._finger[pairs].max(axis=1)
         mine = self._world.owner[pairs].max(axis=1) == self._index
         sides = [data.contact.pos[mine & (finger == side)] for side in (0, 1)]
-        point = np.mean([side.mean(axis=0) for side in sides if len(side)], axis=0)
-        return np.asarray(point)
+        touched = [side.mean(axis=0) for side in sides if len(side)]
+        return np.asarray(np.mean(touched, axis=0)) if touched else middle
 
     def _in_hand(self) -> Floats:
         """Where the pinched point is now, seen from the gripper, metres."""
@@ -319,13 +336,15 @@ class _Held:
 
     def _judge(self) -> tuple[Outcome, str]:
         settings, slip = self._settings, self.slip()
-        right, left = self._attempt.forces()[:, self._index] > 0
+        lost = slip > settings.max_slip_m
+        forces = self._attempt.forces() if lost else self._attempt.pressed()
+        right, left = forces[:, self._index] > 0
         on_table = self._attempt.on_table(self._index)
         if not (right and left):
             if self._highest_m > settings.left_table_m:
                 return Outcome.DROPPED, f"it fell after it had risen {self._highest_m * 1e3:.0f} mm"
             return Outcome.SLIPPED, "the fingers slid off before it left the table"
-        if slip > settings.max_slip_m:
+        if lost:
             return Outcome.SLIPPED, f"it slid {slip * 1e3:.0f} mm through the fingers"
         if on_table:
             return Outcome.SLIPPED, "a part of it still lies on the table"

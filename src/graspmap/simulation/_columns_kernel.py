@@ -6,6 +6,7 @@ Letters in shapes: N cells; A angles; K cuts; L levels.
 from __future__ import annotations
 
 import math
+
 import numba
 import numpy as np
 from numpy.typing import NDArray
@@ -51,13 +52,13 @@ def mark_profiles(line: Integers, place: Integers, height: Floats, keep: Flags) 
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
-def _hull_area(low: Floats, high: Floats, first: int, last: int, chain: Floats) -> float:
-    """Area of the convex hull of the boxes that span low to high in rows first to last."""
+def _hull_area(low: Floats, high: Floats, chain: Floats) -> float:
+    """Area of the convex hull of the boxes that span low to high in each row."""
     # Right chain and left chain of the row ends, each convex.
     area = 0.0
     for side in range(2):
         used = 0
-        for row in range(first, last + 1):
+        for row in range(len(low)):
             if high[row] < low[row]:
                 continue
             x = high[row] + 0.5 if side == 0 else -(low[row] - 0.5)
@@ -77,61 +78,91 @@ def _hull_area(low: Floats, high: Floats, first: int, last: int, chain: Floats) 
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def find_runs(height: Floats, levels: Floats, runs: Integers) -> int:
+    """Stretches of a row that rise above a level.
+
+    Args:
+        height: (R, C) metres.
+        levels: (L,) metres.
+        runs: (at least R C L, 4) out: level, row, first and last column.
+
+    Returns:
+        How many there are.
+    """
+    count = 0
+    rows, columns = height.shape
+    for level in range(len(levels)):
+        for row in range(rows):
+            start = -1
+            for column in range(columns + 1):
+                above = column < columns and height[row, column] > levels[level]
+                if above and start < 0:
+                    start = column
+                elif not above and start >= 0:
+                    runs[count, 0], runs[count, 1] = level, row
+                    runs[count, 2], runs[count, 3] = start, column - 1
+                    count += 1
+                    start = -1
+    return count
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _mark_spans(runs: Integers, c: float, s: float, cut: float, low: Floats, high: Floats) -> None:
+    """First and last column of each row and level on both sides of a cut.
+
+    Args:
+        runs: (K, 4) of `find_runs`.
+        c: Direction across the cut, along the row.
+        s: Direction across the cut, along the column.
+        cut: Where the cut is: cells with c x + s y below it are on its first side.
+        low: (2, L, R) out.
+        high: (2, L, R) out.
+    """
+    low[:] = np.inf
+    high[:] = -np.inf
+    for k in range(len(runs)):
+        level, row, start, stop = runs[k]
+        if abs(c) < 1e-9:
+            border = float(stop + 1) if s * row < cut else float(start)
+        else:
+            border = math.ceil((cut - s * row) / c)
+        # Left of the border is one side, from it on the other; which is which does not matter.
+        if start < border:
+            low[0, level, row] = min(low[0, level, row], start)
+            high[0, level, row] = max(high[0, level, row], min(float(stop), border - 1.0))
+        if stop >= border:
+            low[1, level, row] = min(low[1, level, row], max(float(start), border))
+            high[1, level, row] = max(high[1, level, row], stop)
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def score_cuts(
-    column: Integers,
-    row: Integers,
-    height: Floats,
-    angles: Floats,
-    shares: Floats,
-    levels: Floats,
-    out: Floats,
+    runs: Integers, rows: int, levels: Floats, angles: Floats, cuts: Floats, out: Floats
 ) -> None:
     """How large the hulls on both sides of each cut would be: areas of their level sets, summed.
 
     Args:
-        column: (N,) from 0.
-        row: (N,) from 0.
-        height: (N,) metres.
+        runs: (K, 4) of `find_runs`.
+        rows: Number of rows.
+        levels: (L + 1,) heights at which the hulls are compared, from 0 up to the highest.
         angles: (A,) directions across the cut.
-        shares: (K,) where the cut lies between the first and the last cell in that direction.
-        levels: (L,) heights at which the hulls are compared, from 0 up.
-        out: (A, K) area times height, cells; infinity where all cells lie on one side.
+        cuts: (A, B) where the cuts are in that direction, cells.
+        out: (A, B) area times height; infinity where all cells lie on one side.
     """
-    count, rows = len(column), row.max() + 1
-    low, high = np.empty((len(levels), rows)), np.empty((len(levels), rows))
+    steps = len(levels) - 1
+    low, high = np.empty((2, steps, rows)), np.empty((2, steps, rows))
     chain = np.empty((2 * rows + 2, 2))
-    along = np.empty(count)
     for a in range(len(angles)):
         c, s = math.cos(angles[a]), math.sin(angles[a])
-        for i in range(count):
-            along[i] = c * column[i] + s * row[i]
-        begin, end = along.min(), along.max()
-        for k in range(len(shares)):
-            cut = begin + shares[k] * (end - begin)
+        for k in range(cuts.shape[1]):
+            _mark_spans(runs, c, s, cuts[a, k], low, high)
             total = 0.0
             for side in range(2):
-                low[:] = np.inf
-                high[:] = -np.inf
-                some = False
-                for i in range(count):
-                    if (along[i] < cut) != (side == 0):
-                        continue
-                    some = True
-                    r, x = row[i], float(column[i])
-                    for level in range(len(levels)):
-                        if height[i] <= levels[level]:
-                            break
-                        if x < low[level, r]:
-                            low[level, r] = x
-                        if x > high[level, r]:
-                            high[level, r] = x
-                if not some:
-                    total = np.inf
-                    break
-                for level in range(len(levels)):
-                    above = levels[level + 1] if level + 1 < len(levels) else height.max()
-                    area = _hull_area(low[level], high[level], 0, rows - 1, chain)
-                    total += area * (above - levels[level])
+                for level in range(steps):
+                    area = _hull_area(low[side, level], high[side, level], chain)
+                    if level == 0 and area == 0:
+                        total = np.inf
+                    total += area * (levels[level + 1] - levels[level])
             out[a, k] = total
 
 

@@ -47,7 +47,6 @@ class GripperParts:
         finger_q: (2,) of the right (x > 0) and the left finger's half opening.
         finger_v: (2,) likewise in qvel.
         geoms: (2,) geometries of the right and the left finger.
-        friction: Coulomb friction of the pads, as compiled.
     """
 
     base_q: int
@@ -55,7 +54,6 @@ class GripperParts:
     finger_q: NDArray[np.intp]
     finger_v: NDArray[np.intp]
     geoms: NDArray[np.intp]
-    friction: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,9 +112,9 @@ class World:
             self.model.geom_aabb[geom, 3:] = half
 
     def scale_friction(self, factor: float) -> None:
-        """Make the finger pads rougher by a factor."""
+        """Make the finger pads rougher by a factor, against sliding and against twisting."""
         assert self.gripper is not None
-        self.model.geom_friction[self.gripper.geoms, 0] *= factor
+        self.model.geom_friction[self.gripper.geoms, :2] *= factor
 
     def unstable(self) -> bool:
         """Whether the state became meaningless (MuJoCo then starts it anew by itself)."""
@@ -266,7 +264,6 @@ def _index(model: Any, count: int, gripper: Gripper | None) -> World:
             finger_q=np.array([j.qposadr[0] for j in fingers], dtype=np.intp),
             finger_v=np.array([j.dofadr[0] for j in fingers], dtype=np.intp),
             geoms=np.array([model.geom(n).id for n in ("right", "left")], dtype=np.intp),
-            friction=gripper.friction,
         )
     return World(
         model=model,

@@ -40,10 +40,13 @@ class ColumnTolerance:
 
 
 _ANGLES = np.radians(np.arange(0.0, 180.0, 15.0))
-_SHARES = np.linspace(0.0, 1.0, 13)[1:-1]
-_LEVELS = np.array([0.0, 0.3, 0.55, 0.8])  # of the greatest height
-# The hull of whole cells would stand out from the true outline at each step of its edge, the hull of
-# their middles would be too small along the rows: between them.
+_PLACES = np.linspace(0.0, 1.0, 13)[1:-1]
+_FINER_ANGLES = np.radians([-7.5, -3.75, 0.0, 3.75, 7.5])
+_FINER_PLACES = np.linspace(-1.0, 1.0, 7) / 16
+_MOST_ROWS = 150
+_LEVELS = np.array([0.0, 0.3, 0.55, 0.8, 1.0])  # of the greatest height
+# The hull of whole cells would stand out from the true outline at each step of its edge, and the
+# hull of their middles would be too small along the rows: something between them.
 _DIAMOND = ((0.25, 0.0), (-0.25, 0.0), (0.0, 0.25), (0.0, -0.25))
 _LEAST_CELLS = 9  # a piece of fewer is not cut
 
@@ -114,13 +117,10 @@ class _Cutter:
             keep = np.zeros(len(cells), np.bool_)
             mark_profiles(cells[order, line], cells[order, place], height[order], keep)
             corner[order] &= keep
-        y, x = cells[corner].T.astype(np.float64)
-        top = height[corner]
-        points = [
-            np.column_stack([x + dx, y + dy, z])
-            for dx, dy in _DIAMOND
-            for z in (top, np.zeros(len(top)))
-        ]
+        outline = _line_ends(cells)
+        y, x = np.concatenate([cells[corner], cells[outline]]).T.astype(np.float64)
+        z = np.concatenate([height[corner], np.zeros(len(outline))])
+        points = [np.column_stack([x + dx, y + dy, z]) for dx, dy in _DIAMOND]
         return ConvexHull(np.concatenate(points))
 
     def _close(self, hull: ConvexHull, cells: Integers) -> bool:
@@ -137,21 +137,70 @@ class _Cutter:
 
     def _first_half(self, cells: Integers) -> NDArray[np.bool_]:
         """(N,) the cells on one side of the cut after which the hulls are smallest."""
+        low = cells.min(axis=0)
+        row, column = (cells - low).T
+        height = np.zeros(cells.max(axis=0) - low + 1)
+        height[row, column] = self._heights[cells[:, 0], cells[:, 1]]
+        score = _Cuts(height)
+        angle, place = score.best(_ANGLES, np.broadcast_to(_PLACES, (len(_ANGLES), len(_PLACES))))
+        # Once more, finer, around the best.
+        angles = angle + _FINER_ANGLES
+        angle, place = score.best(angles, np.tile(place + _FINER_PLACES, (len(angles), 1)))
+        along = column * np.cos(angle) + row * np.sin(angle)
+        first = np.asarray(along < score.cut(angle, place))
+        if first.all() or not first.any():  # a single line of cells, and the cut along it
+            first = np.arange(len(cells)) < len(cells) // 2
+        return first
+
+
+class _Cuts:
+    """Compares cuts through one part of a map.
+
+    A cut is an angle and a place: 0 where the part begins in that direction, 1 where it ends.
+    """
+
+    def __init__(self, height: Floats) -> None:
+        from graspmap.simulation._columns_kernel import find_runs
+
+        # Some of the rows are enough to compare; what is cut is the whole part.
+        self._step = 1 + len(height) // _MOST_ROWS
+        rows = np.ascontiguousarray(height[:: self._step])
+        self._rows, self._levels = len(rows), _LEVELS * height.max()
+        runs = np.empty((rows.size * len(_LEVELS), 4), np.int64)
+        self._runs = runs[: find_runs(rows, self._levels[:-1], runs)]
+        row, column = np.nonzero(height)
+        self._ends = np.column_stack([column, row])[_line_ends(np.column_stack([row, column]))]
+
+    def cut(self, angle: float, place: float) -> float:
+        """Where a cut is, in cells from the first cell's row and column."""
+        return float(self._where(np.array([angle]), np.array([[place]]))[0, 0])
+
+    def _where(self, angles: Floats, places: Floats) -> Floats:
+        along = self._ends @ np.array([np.cos(angles), np.sin(angles)])
+        return np.asarray(along.min(axis=0)[:, None] + places * np.ptp(along, axis=0)[:, None])
+
+    def best(self, angles: Floats, places: Floats) -> tuple[float, float]:
+        """The best of some cuts; angles (A,), places (A, B)."""
         from graspmap.simulation._columns_kernel import score_cuts
 
-        row, column = (cells - cells.min(axis=0)).T
-        height = self._heights[cells[:, 0], cells[:, 1]]
-        scores = np.empty((len(_ANGLES), len(_SHARES)))
-        levels = _LEVELS * height.max()
-        score_cuts(
-            np.ascontiguousarray(column),
-            np.ascontiguousarray(row),
-            height,
-            _ANGLES,
-            _SHARES,
-            levels,
-            scores,
-        )
-        angle, share = np.unravel_index(int(np.argmin(scores)), scores.shape)
-        along = column * np.cos(_ANGLES[angle]) + row * np.sin(_ANGLES[angle])
-        return np.asarray(along < along.min() + _SHARES[share] * np.ptp(along))
+        cuts = self._where(angles, places)
+        scores = np.empty(cuts.shape)
+        # In the thinned rows a cell is `step` high: the direction is bent to suit.
+        c, s = np.cos(angles), np.sin(angles) * self._step
+        length = np.hypot(c, s)
+        bent = cuts / length[:, None]
+        score_cuts(self._runs, self._rows, self._levels, np.arctan2(s, c), bent, scores)
+        a, b = np.unravel_index(int(np.argmin(scores)), scores.shape)
+        return float(angles[a]), float(places[a, b])
+
+
+def _line_ends(cells: Integers) -> NDArray[np.intp]:
+    """Numbers of the cells that are the first or last of their row and of their column."""
+    ends = np.ones(len(cells), np.bool_)
+    for line, place in ((0, 1), (1, 0)):
+        order = np.lexsort((cells[:, place], cells[:, line]))
+        new = np.diff(cells[order, line]) != 0
+        end = np.zeros(len(cells), np.bool_)
+        end[order[np.r_[True, new]]] = end[order[np.r_[new, True]]] = True
+        ends &= end
+    return np.flatnonzero(ends)

@@ -11,8 +11,6 @@ import numpy as np
 from manifold3d import Manifold
 from numpy.typing import NDArray
 
-from graspmap.simulation.solids import mass_properties
-
 Floats = NDArray[np.float64]
 Faces = NDArray[np.int32]
 
@@ -28,7 +26,7 @@ def arrays(body: Manifold) -> tuple[Floats, Faces]:
 
 
 def hull(points: Floats) -> tuple[Floats, Faces]:
-    """Vertices (V, 3) and faces (F, 3) of the convex hull of points (N, 3); empty if they are flat."""
+    """Vertices (V, 3) and faces (F, 3) of the hull of points (N, 3); empty if they are flat."""
     return arrays(Manifold.hull_points(points))
 
 
@@ -54,7 +52,7 @@ def fewer_vertices(points: Floats, most: int) -> tuple[Floats, float]:
     vertices = hull(points)[0]
     if len(vertices) <= most:
         return vertices, 0.0
-    chosen = np.unique((vertices @ COMPASS.T).argmax(axis=0))
+    chosen = np.unique([int(along(vertices, direction).argmax()) for direction in COMPASS])
     while True:
         above = heights(vertices, *hull(vertices[chosen]))
         worst = above.max(axis=0)
@@ -65,6 +63,12 @@ def fewer_vertices(points: Floats, most: int) -> tuple[Floats, float]:
         count = min(most - len(chosen), max(1, len(chosen) // 4))
         order = np.argsort(-worst, kind="stable")[:count]
         chosen = np.union1d(chosen, above.argmax(axis=0)[order])
+
+
+def along(points: Floats, direction: Floats) -> Floats:
+    """(N,) scalar products of points (N, 3) with a direction (3,), the same bits everywhere."""
+    x, y, z = points.T
+    return np.asarray(x * direction[0] + y * direction[1] + z * direction[2])
 
 
 def heights(points: Floats, corners: Floats, faces: Faces) -> Floats:
@@ -80,8 +84,3 @@ def heights(points: Floats, corners: Floats, faces: Faces) -> Floats:
     x, y, z = points.T
     above = x[:, None] * normals[:, 0] + y[:, None] * normals[:, 1] + z[:, None] * normals[:, 2]
     return np.where(real, above - (normals * a).sum(axis=1), -np.inf)
-
-
-def volume(body: Manifold) -> float:
-    """Volume of manifold3d's body, summed in one order."""
-    return mass_properties(*arrays(body)).volume_m3 if body.num_tri() else 0.0

@@ -23,7 +23,7 @@ from graspmap.geometry.transforms import RigidTransform
 from graspmap.simulation.block import block_from_heights
 from graspmap.simulation.heightmap import MOST_CELLS, RESOLUTION_M, HeightMap
 from graspmap.simulation.table_plane import fit_table_plane
-from graspmap.simulation.tabletop import PlacedObject, Tabletop
+from graspmap.simulation.tabletop import Tabletop
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

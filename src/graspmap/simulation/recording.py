@@ -127,12 +127,12 @@ class _Film:
                     pose.translation,
                     pose.quaternion(),
                 )
-        seen = np.array(self._states).reshape(len(self._states), -1)
-        if len(seen):
+        if self._states:
+            seen = np.array(self._states)
             tips = np.append(tips, seen[:, world.gripper.base_q])
             right, left = seen[:, world.gripper.finger_q].T
             fingers = np.concatenate([fingers, np.stack([-left, right], axis=1)])
-        times = np.arange(count) * step
+        times = np.arange(count, dtype=np.float64) * step
         for array in (times, positions, turns, fingers, tips):
             array.setflags(write=False)
         return TrialRecording(

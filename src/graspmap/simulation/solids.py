@@ -103,9 +103,7 @@ def object_from_solid(
     """
     if not isinstance(id, str) or not _ID.fullmatch(id):
         raise InvalidInputError("object id", repr(id), "letters, digits, '-', '_' and '.'")
-    points = _points("vertices", vertices)
-    triangles = _faces(faces, len(points))
-    check_closed(points, triangles)
+    points, triangles = checked_surface(vertices, faces)
     solid = mass_properties(points, triangles)
     longest = float(np.ptp(points, axis=0).max())
     if not solid.volume_m3 > _FLATTEST * longest**3:
@@ -127,26 +125,35 @@ def object_from_solid(
     )
 
 
-def check_closed(vertices: Floats, faces: NDArray[np.integer]) -> None:
-    """Refuse a surface whose edges are not all run along as often in one sense as in the other.
+def checked_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Floats, NDArray[np.int32]]:
+    """Copies of the arrays of a closed surface.
 
-    That is what the integrals over the inside need; vertices at the same place count as one.
+    Closed means that the faces run along each edge as often in one sense as in the other, which is
+    what the integrals over the inside need; vertices at the same place count as one.
+
+    Args:
+        vertices: (V, 3).
+        faces: (F, 3) vertex numbers.
 
     Raises:
-        InvalidInputError: It has an open edge, or neighbouring faces that disagree about outside.
+        InvalidInputError: A shape or number is wrong, an edge is open, or neighbouring faces
+            disagree about outside.
     """
-    single = open_edges(vertices, faces)
+    points = _points("vertices", vertices)
+    triangles = _faces(faces, len(points))
+    single = open_edges(points, triangles)
     if single:
         raise InvalidInputError(
             "surface",
             f"open or wound inconsistently along {single} of its edges",
             "a closed surface, its faces counter-clockwise seen from outside",
         )
+    return points, triangles
 
 
 def open_edges(vertices: Floats, faces: NDArray[np.integer]) -> int:
     """Number of edges that the faces do not run along equally often in both senses."""
-    place = _places(vertices)[faces]
+    place = places(vertices)[faces]
     start, end = place.ravel(), np.roll(place, -1, axis=1).ravel()
     key = np.minimum(start, end) * np.int64(len(vertices)) + np.maximum(start, end)
     order = np.argsort(key, kind="stable")
@@ -155,8 +162,8 @@ def open_edges(vertices: Floats, faces: NDArray[np.integer]) -> int:
     return int(np.count_nonzero(np.add.reduceat(sense, first))) if len(first) else 0
 
 
-def _places(vertices: Floats) -> NDArray[np.int64]:
-    """(V,) a number for each place; the same for vertices at the same place."""
+def places(vertices: Floats) -> NDArray[np.int64]:
+    """(V,) a number for each place, from 0; the same for vertices at the same place."""
     order = np.lexsort(vertices.T)
     ranked = vertices[order]
     new = (ranked[1:] != ranked[:-1]).any(axis=1)

@@ -26,7 +26,7 @@ from graspmap.simulation.procedural.solid import Faces, Floats, Solid, arrays, m
 
 _CELLS = 40  # along each side of the grid
 _FACES = 2500
-_MOST_PIECES = 40
+_MOST_PIECES = 64
 _TOLERANCE = 0.012  # of the longest side
 
 

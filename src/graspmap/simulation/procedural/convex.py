@@ -9,6 +9,7 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import ConvexHull
 
 from graspmap.simulation.procedural.solid import (
     MOST_VERTICES,
@@ -17,10 +18,7 @@ from graspmap.simulation.procedural.solid import (
     Floats,
     Solid,
     hull,
-    snap,
 )
-
-_THINNEST_M = 1e-5  # of a face
 
 _COMPASS = np.array([d for d in product((-1, 0, 1), repeat=3) if any(d)], dtype=np.float64)
 
@@ -55,40 +53,32 @@ def _thinned(vertices: Floats) -> Floats | None:
     """Some of the vertices, with the same hull to the tolerance; None if that takes too many."""
     if len(vertices) <= MOST_VERTICES:
         return vertices
-    reach = vertices @ _COMPASS.T
-    chosen = np.unique(reach.argmax(axis=0))
-    while len(chosen) < MOST_VERTICES:
-        corners, triangles = hull(vertices[chosen])
-        outside = heights(vertices, corners, triangles)
+    chosen = np.unique((vertices @ _COMPASS.T).argmax(axis=0))
+    while True:
+        outside = heights(vertices, planes(vertices[chosen]))
         worst = outside.max(axis=0)
         if worst.max() <= TOLERANCE_M:
-            return snap(vertices[chosen])
+            return np.asarray(vertices[chosen])
+        room = MOST_VERTICES - len(chosen)
+        if room == 0:
+            return None
         # The farthest vertex above each face, the worst faces first.
-        order = np.argsort(-worst, kind="stable")[: MOST_VERTICES - len(chosen)]
-        farthest = outside.argmax(axis=0)[order[worst[order] > TOLERANCE_M]]
-        chosen = np.union1d(chosen, farthest)
-    corners, triangles = hull(vertices[chosen])
-    outside = heights(vertices, corners, triangles)
-    return snap(vertices[chosen]) if outside.max() <= TOLERANCE_M else None
+        order = np.argsort(-worst, kind="stable")
+        order = order[worst[order] > TOLERANCE_M]
+        _, first = np.unique(outside[:, order].argmax(axis=0), return_index=True)
+        chosen = np.union1d(chosen, outside[:, order[np.sort(first)[:room]]].argmax(axis=0))
 
 
-def heights(points: Floats, corners: Floats, faces: Faces) -> Floats:
-    """(N, F) of each point (N, 3) above the plane of each face (F, 3) of a hull.
+def planes(points: Floats) -> Floats:
+    """(F, 4) outward unit normals and offsets of the faces of a hull: n p + d <= 0 inside."""
+    return np.asarray(ConvexHull(points).equations)
 
-    Faces too narrow to have a sure direction count as far above everything.
-    """
-    a, b, c = (corners[faces[:, i]] for i in range(3))
-    normals = np.cross(b - a, c - a)
-    sizes = np.sqrt((normals**2).sum(axis=1))
-    longest = np.sqrt(
-        np.max([((b - a) ** 2).sum(1), ((c - b) ** 2).sum(1), ((a - c) ** 2).sum(1)], 0)
-    )
-    clear = sizes > _THINNEST_M * longest
-    normals = normals / np.where(clear, sizes, 1)[:, None]
-    offsets = (normals * a).sum(axis=1)
+
+def heights(points: Floats, faces: Floats) -> Floats:
+    """(N, F) of each point (N, 3) above each plane (F, 4)."""
     x, y, z = points.T
-    above = x[:, None] * normals[:, 0] + y[:, None] * normals[:, 1] + z[:, None] * normals[:, 2]
-    return np.where(clear, above - offsets, -np.inf)
+    above = x[:, None] * faces[:, 0] + y[:, None] * faces[:, 1] + z[:, None] * faces[:, 2]
+    return np.asarray(above + faces[:, 3])
 
 
 def _section(vertices: Floats, faces: Faces, axis: int, at: float) -> Floats:

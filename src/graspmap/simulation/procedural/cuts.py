@@ -12,10 +12,13 @@ from __future__ import annotations
 import numpy as np
 from manifold3d import Manifold
 
-from graspmap.simulation.procedural.convex import heights, split
-from graspmap.simulation.procedural.solid import Faces, Floats, arrays, hull, manifold
+from graspmap.simulation.procedural.convex import heights, planes, split
+from graspmap.simulation.procedural.solid import Faces, Floats, arrays, manifold
 
-_SHARES = (0.2, 0.35, 0.5, 0.65, 0.8)  # places of the cuts that are tried along each direction
+Normal = tuple[float, float, float]
+
+_REFINED = 4  # directions whose halving does best; along these other places are tried too
+_SHARES = (0.2, 0.35, 0.65, 0.8)
 _DIAGONAL = 0.5**0.5
 _DIRECTIONS = (
     (1.0, 0.0, 0.0),
@@ -28,7 +31,10 @@ _DIRECTIONS = (
     (0.0, _DIAGONAL, _DIAGONAL),
     (0.0, _DIAGONAL, -_DIAGONAL),
 )
-_LEAST_SHARE = 1e-4  # of the whole volume; smaller crumbs are left out
+_GLANCING = 0.05  # slower than this, a normal runs along a face of the hull and not out of it
+_LEAST_FACE_M2 = 1e-8  # smaller faces have no sure normal
+_ENOUGH = 150  # points on one side of a cut that is only tried
+_LEAST_SHARE = 1e-6  # of the whole volume; smaller crumbs are left out
 
 
 def pieces_by_cuts(vertices: Floats, faces: Faces, tolerance_m: float, most: int) -> list[Floats]:
@@ -58,29 +64,46 @@ def pieces_by_cuts(vertices: Floats, faces: Faces, tolerance_m: float, most: int
 
 
 def _part(body: Manifold) -> tuple[float, Manifold]:
-    """How deep the deepest vertex lies inside the hull, and the body."""
-    vertices, _ = arrays(body)
-    below = -heights(vertices, *hull(vertices))
-    return float(below.min(axis=1).max()), body
+    """How far its faces are, along their normals, from leaving the hull at most; and the body."""
+    vertices, faces = arrays(body)
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    sizes = np.sqrt((normals**2).sum(axis=1))
+    sure = sizes > _LEAST_FACE_M2
+    normals = normals[sure] / sizes[sure, None]
+    sides = planes(vertices)
+    gap = np.maximum(-heights((a + b + c)[sure] / 3, sides), 0)
+    speed = heights(normals, sides) - sides[:, 3]
+    way = np.where(speed > _GLANCING, gap / np.maximum(speed, _GLANCING), np.inf)
+    return float(way.min(axis=1).max()), body
 
 
-def _best_cut(vertices: Floats, faces: Faces) -> tuple[tuple[float, float, float], float]:
-    best, best_cost = ((1.0, 0.0, 0.0), 0.0), np.inf
+def _best_cut(vertices: Floats, faces: Faces) -> tuple[Normal, float]:
+    """Normal and offset of the cut that leaves the smallest hulls."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     edges = edges[edges[:, 0] < edges[:, 1]]
-    for normal in _DIRECTIONS:
-        along = vertices[:, 0] * normal[0] + vertices[:, 1] * normal[1] + vertices[:, 2] * normal[2]
+
+    def tried(normal: Normal, share: float) -> tuple[float, Normal, float]:
+        x, y, z = vertices.T
+        along = x * normal[0] + y * normal[1] + z * normal[2]
         low, high = float(along.min()), float(along.max())
-        for share in _SHARES:
-            offset = low + share * (high - low)
-            section = _section(vertices, edges, along - offset)
-            cost = 0.0
-            for side in (along < offset, along > offset):
-                points = np.concatenate([vertices[side], section])
-                cost += Manifold.hull_points(points).volume()
-            if cost < best_cost:
-                best, best_cost = (normal, offset), cost
-    return best
+        offset = low + share * (high - low)
+        section = _section(vertices, edges, along - offset)
+        hulls = (
+            Manifold.hull_points(np.concatenate([_some(vertices[side]), _some(section)]))
+            for side in (along < offset, along > offset)
+        )
+        return sum(h.volume() for h in hulls), normal, offset
+
+    halves = sorted(tried(normal, 0.5) for normal in _DIRECTIONS)
+    others = [tried(normal, s) for _, normal, _ in halves[:_REFINED] for s in _SHARES]
+    _, normal, offset = min(halves + others)
+    return normal, offset
+
+
+def _some(points: Floats) -> Floats:
+    """Points evenly out of many: enough to compare hulls by."""
+    return points[:: max(1, len(points) // _ENOUGH)]
 
 
 def _section(vertices: Floats, edges: Faces, above: Floats) -> Floats:

@@ -11,11 +11,13 @@ from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.simulation.objects import ObjectModel
 from graspmap.simulation.procedural import (
     blobs,
+    compositions,
     extrusions,
     handled,
     primitives,
     revolutions,
     shells,
+    superquadrics,
     tools,
 )
 from graspmap.simulation.procedural.draw import Draw
@@ -46,7 +48,9 @@ FAMILIES: dict[str, Family] = {
     "handled": Family(0.12, handled.SHAPES),
     "tool": Family(0.1, tools.SHAPES),
     "shell": Family(0.12, shells.SHAPES),
-    "blob": Family(0.06, blobs.SHAPES),
+    "composition": Family(0.14, compositions.SHAPES),
+    "superquadric": Family(0.06, superquadrics.SHAPES),
+    "blob": Family(0.08, blobs.SHAPES),
 }
 """The families by name; a new family is one module, and one line here."""
 

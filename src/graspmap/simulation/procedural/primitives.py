@@ -9,10 +9,11 @@ import numpy as np
 
 from graspmap.simulation.procedural.convex import convex
 from graspmap.simulation.procedural.draw import Draw
+from graspmap.simulation.procedural.revolve import sides
 from graspmap.simulation.procedural.solid import Floats, Solid
 
 _ROUND = 64  # corners of a circle
-_RINGS = 24  # rings of a sphere
+_FINE_M = 0.00015  # how far a ball's faces may lie inside it
 
 
 def ring(radius_m: float, z: float = 0, count: int = _ROUND) -> Floats:
@@ -22,10 +23,11 @@ def ring(radius_m: float, z: float = 0, count: int = _ROUND) -> Floats:
 
 
 def globe(center: tuple[float, float, float], radii: tuple[float, float, float]) -> Floats:
-    """(N, 3) points on an ellipsoid."""
-    tilts = [math.pi * (i + 0.5) / _RINGS for i in range(_RINGS)]
-    rings = [ring(math.sin(t), math.cos(t), 2 * _RINGS) for t in tilts]
-    unit = np.concatenate([*rings, [(0, 0, 1), (0, 0, -1)]])
+    """(N, 3) points on an ellipsoid, as dense as its size needs."""
+    rings = min(24, max(8, math.ceil(sides(max(radii), _FINE_M) / 2)))
+    tilts = [math.pi * (i + 0.5) / rings for i in range(rings)]
+    circles = [ring(math.sin(t), math.cos(t), 2 * rings) for t in tilts]
+    unit = np.concatenate([*circles, [(0, 0, 1), (0, 0, -1)]])
     return np.asarray(unit * radii + center)
 
 

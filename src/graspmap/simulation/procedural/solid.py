@@ -103,7 +103,7 @@ def join(solids: Iterable[Solid]) -> Solid:
     if len(parts) == 1:
         return parts[0]
     united = Manifold.batch_boolean([manifold(p.vertices, p.faces) for p in parts], OpType.Add)
-    vertices, faces = arrays(united.simplify(_SLIVER_M))
+    vertices, faces = welded(*arrays(united.simplify(_SLIVER_M)))
     return Solid(vertices, faces, tuple(piece for p in parts for piece in p.pieces))
 
 
@@ -125,6 +125,15 @@ def arrays(body: Manifold) -> tuple[Floats, Faces]:
     """Vertices (V, 3) on the grid and faces (F, 3) of manifold3d's body."""
     mesh = body.to_mesh64()
     return snap(mesh.vert_properties[:, :3]), np.asarray(mesh.tri_verts, dtype=np.int32)
+
+
+def welded(vertices: Floats, faces: Faces) -> tuple[Floats, Faces]:
+    """With vertices at the same place made one, and faces without three places left out."""
+    places, number = np.unique(vertices, axis=0, return_inverse=True)
+    corners = np.asarray(number.reshape(-1)[faces], dtype=np.int32)
+    a, b, c = corners.T
+    kept = corners[(a != b) & (b != c) & (c != a)]
+    return places, kept
 
 
 def _determinant(m: Floats) -> float:

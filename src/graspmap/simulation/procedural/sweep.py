@@ -11,13 +11,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspmap.simulation.procedural.convex import heights
+from graspmap.simulation.procedural.convex import heights, planes
 from graspmap.simulation.procedural.solid import (
     MOST_VERTICES,
     TOLERANCE_M,
     Floats,
     Solid,
-    hull,
     snap,
 )
 
@@ -129,5 +128,5 @@ def _sunk(rings: Floats) -> float:
     inner = rings[1:-1]
     # On a hollow side the corners may lie on flat ends of the hull; the middles of edges do not.
     points = np.concatenate([inner, (inner + np.roll(inner, 1, axis=1)) / 2]).reshape(-1, 3)
-    below = -heights(points, *hull(rings.reshape(-1, 3)))
+    below = -heights(points, planes(rings.reshape(-1, 3)))
     return float(below.min(axis=1).max())

@@ -7,6 +7,7 @@ from graspmap.simulation.render.appearance import (
 )
 from graspmap.simulation.render.randomisation import Randomisation, load_randomisation
 from graspmap.simulation.render.rendering import Rendering, render
+from graspmap.simulation.render.stereo import Sensor, sample_sensor, stereo_depth
 from graspmap.simulation.render.view import (
     OutOfViewError,
     View,
@@ -20,6 +21,7 @@ __all__ = [
     "OutOfViewError",
     "Randomisation",
     "Rendering",
+    "Sensor",
     "View",
     "check_in_view",
     "jacquard_view",
@@ -27,5 +29,7 @@ __all__ = [
     "plain_appearance",
     "render",
     "sample_appearance",
+    "sample_sensor",
     "sample_view",
+    "stereo_depth",
 ]

@@ -16,42 +16,58 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspmap.simulation.render._raster_kernel import draw_triangles, to_frame
-from graspmap.simulation.render._texture_kernel import METAL, REFLECTANCE, ROUGHNESS
+from graspmap.simulation.render._texture_kernel import GLASS, METAL, REFLECTANCE, ROUGHNESS
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Integers = NDArray[np.int32]
 
-# Places in the row of a lamp's picture: origin, axes x, y, z, then focal length and centre.
-_FOCAL, _CX, _CY = 12, 13, 14
+# Places in the row of a lamp's picture: origin, axes x, y, z, then focal length and centre, then
+# least and greatest x and y on the table of the objects' shadow.
+_FOCAL, _CX, _CY, _FALLEN = 12, 13, 14, 15
+POSE_LENGTH = 19
 
 # Places in the numbers of the whole scene's light.
-KEY, KEY_COLOUR, FILL, FILL_COLOUR, SKY, GROUND, TO_KEY = 0, 3, 6, 9, 12, 15, 18
+KEY, KEY_COLOUR, FILL, FILL_COLOUR, SKY, GROUND = 0, 3, 6, 9, 12, 15
 _BLOCK = 32  # points that are looked at together
 
-LENGTH = 21
+LENGTH = 18
 """Numbers of the scene's light: position of the lamp, its colour, direction to the second lamp, its
-colour, colour from above, colour of the table, direction to the lamp from the origin."""
+colour, colour from above, colour of the table."""
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _shadow(points: Floats, lamp: Floats) -> Any:
+    """(4,) least and greatest x, then y, on the table of the shadow of points."""
+    out = np.array([np.inf, -np.inf, np.inf, -np.inf])
+    for i in range(len(points)):
+        above = lamp[2] - points[i, 2]
+        if above <= 0.0:
+            return np.array([-np.inf, np.inf, -np.inf, np.inf])
+        for k in range(2):
+            place = lamp[k] + (points[i, k] - lamp[k]) * lamp[2] / above
+            out[2 * k], out[2 * k + 1] = min(out[2 * k], place), max(out[2 * k + 1], place)
+    return out
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def lamp_pictures(
-    points: Floats, faces: Integers, drawn: NDArray[np.bool_], lamps: Floats, side: int
+    points: Floats, faces: Integers, drawn: NDArray[np.uint8], lamps: Floats, side: int
 ) -> Any:
     """Depths of the objects as seen from each lamp, cut to fit them.
 
     Args:
         points: (V, 3) world vertices.
         faces: (F, 3) vertex numbers.
-        drawn: (F,) triangles that keep light away.
+        drawn: (F,) which triangles keep light away, as `draw_triangles` has it.
         lamps: (K, 3) world positions.
         side: Side of the pictures, pixels.
 
     Returns:
-        (K, side, side) float32 depths, infinite where there is nothing; (K, 15) where they look.
+        (K, side, side) float32 depths, infinite where there is nothing; (K, POSE_LENGTH) where they look.
     """
     pictures = np.full((len(lamps), side, side), np.float32(np.inf), np.float32)
-    poses = np.zeros((len(lamps), 15))
+    poses = np.zeros((len(lamps), POSE_LENGTH))
     none = np.empty((0, 0), np.int32)
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for i in range(len(points)):
@@ -85,22 +101,24 @@ def lamp_pictures(
         for k in range(3):
             pose[3 + 3 * k : 6 + 3 * k] = axes[:, k]
         pose[_FOCAL], pose[_CX], pose[_CY] = focal, cx, cy
+        pose[_FALLEN:] = _shadow(points, lamps[lamp])
     return pictures, poses
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _lit(
-    picture: Singles, pose: Floats, bias: float, lifted: Floats, boxes: Floats, out: Floats
+    picture: Singles, pose: Floats, bias: float, points: Floats, first: int, end: int, out: Floats
 ) -> None:
     """Share of a light that reaches points, between the four nearest pixels of its picture.
 
     Args:
         picture: (side, side) depths seen from the light.
-        pose: (15,) where it looks.
+        pose: (POSE_LENGTH,) where it looks.
         bias: How much nearer than a point something must be to shadow it, metres.
-        lifted: (3, n) world points.
-        boxes: (blocks, 6) middle and half size of the box around each block of points.
-        out: (n,) out.
+        points: (3, n) world.
+        first: Of the points that count.
+        end: One past the last of them.
+        out: (n,) out, at the same places.
     """
     ox, oy, oz = pose[0], pose[1], pose[2]
     focal, cx, cy = pose[_FOCAL], pose[_CX], pose[_CY]
@@ -108,247 +126,316 @@ def _lit(
     bx, by, bz = focal * pose[6], focal * pose[7], focal * pose[8]
     dx, dy, dz = pose[9], pose[10], pose[11]
     last = picture.shape[0] - 1.0
-    for block in range(len(boxes)):
-        first, end = block * _BLOCK, min((block + 1) * _BLOCK, lifted.shape[1])
-        # Most blocks lie wholly on one side of the picture.
-        x, y, z = boxes[block, 0] - ox, boxes[block, 1] - oy, boxes[block, 2] - oz
-        hx, hy, hz = boxes[block, 3], boxes[block, 4], boxes[block, 5]
-        if (
-            _greatest(ax + cx * dx, ay + cx * dy, az + cx * dz, x, y, z, hx, hy, hz) < 0.0
-            or _greatest(bx + cy * dx, by + cy * dy, bz + cy * dz, x, y, z, hx, hy, hz) < 0.0
-            or _greatest(
-                (last - cx) * dx - ax,
-                (last - cx) * dy - ay,
-                (last - cx) * dz - az,
-                *(x, y, z, hx, hy, hz),
-            )
-            < 0.0
-            or _greatest(
-                (last - cy) * dx - bx,
-                (last - cy) * dy - by,
-                (last - cy) * dz - bz,
-                *(x, y, z, hx, hy, hz),
-            )
-            < 0.0
-        ):
-            for i in range(first, end):
-                out[i] = 1.0
+    for i in range(first, end):
+        x, y, z = points[0, i] - ox, points[1, i] - oy, points[2, i] - oz
+        depth = dx * x + dy * y + dz * z
+        scale = 1.0 / depth
+        u = (ax * x + ay * y + az * z) * scale + cx
+        v = (bx * x + by * y + bz * z) * scale + cy
+        if not (0.0 <= u < last and 0.0 <= v < last):
+            out[i] = 1.0
             continue
+        column, row = np.uint32(u), np.uint32(v)
+        right, below = np.uint32(column + 1), np.uint32(row + 1)
+        a, b = u - column, v - row
+        limit = np.float32(depth - bias)
+        one, two = picture[row, column] >= limit, picture[row, right] >= limit
+        three, four = picture[below, column] >= limit, picture[below, right] >= limit
+        if one and two and three and four:
+            out[i] = 1.0
+        elif not (one or two or three or four):
+            out[i] = 0.0
+        else:
+            above = (1.0 - a) * one + a * two
+            out[i] = (1.0 - b) * above + b * ((1.0 - a) * three + a * four)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def table_light(
+    pictures: Singles,
+    poses: Floats,
+    shares: Floats,
+    bias: float,
+    points: Floats,
+    out: Floats,
+) -> None:
+    """Light that reaches points of the table.
+
+    Args:
+        pictures: (K, side, side).
+        poses: (K, POSE_LENGTH).
+        shares: (K,) of each point that gives light; 1 in sum.
+        bias: How much nearer than a point something must be to shadow it, metres.
+        points: (3, n) world points on the table, neighbours one after the other.
+        out: (n,) out, from 0 to 1.
+    """
+    lit = np.empty(len(out))
+    for first in range(0, len(out), _BLOCK):
+        end = min(first + _BLOCK, len(out))
+        left = right = points[0, first]
+        low = high = points[1, first]
         for i in range(first, end):
-            x, y, z = lifted[0, i] - ox, lifted[1, i] - oy, lifted[2, i] - oz
-            depth = dx * x + dy * y + dz * z
-            scale = 1.0 / depth
-            u = (ax * x + ay * y + az * z) * scale + cx
-            v = (bx * x + by * y + bz * z) * scale + cy
-            if not (0.0 <= u < last and 0.0 <= v < last):
-                out[i] = 1.0
+            out[i] = 1.0
+            left, right = min(left, points[0, i]), max(right, points[0, i])
+            low, high = min(low, points[1, i]), max(high, points[1, i])
+        for k in range(len(poses)):
+            # Most neighbours lie wholly beside the shadow.
+            if right < poses[k, _FALLEN] or left > poses[k, _FALLEN + 1]:
                 continue
-            column, row = np.uint32(u), np.uint32(v)
-            right, below = np.uint32(column + 1), np.uint32(row + 1)
-            a, b = u - column, v - row
-            limit = np.float32(depth - bias)
-            one, two = picture[row, column] >= limit, picture[row, right] >= limit
-            three, four = picture[below, column] >= limit, picture[below, right] >= limit
-            if one and two and three and four:
-                out[i] = 1.0
-            elif not (one or two or three or four):
-                out[i] = 0.0
-            else:
-                above = (1.0 - a) * one + a * two
-                out[i] = (1.0 - b) * above + b * ((1.0 - a) * three + a * four)
+            if high < poses[k, _FALLEN + 2] or low > poses[k, _FALLEN + 3]:
+                continue
+            _lit(pictures[k], poses[k], bias, points, first, end, lit)
+            for i in range(first, end):
+                out[i] -= shares[k] * (1.0 - lit[i])
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _greatest(
-    a: float,
-    b: float,
-    c: float,
-    x: float,
-    y: float,
-    z: float,
-    hx: float,
-    hy: float,
-    hz: float,
-) -> float:
-    """Greatest value of a x + b y + c z in a box."""
-    return a * x + b * y + c * z + abs(a) * hx + abs(b) * hy + abs(c) * hz
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _lifted(point: Floats, normal: Floats, which: Integers, height: float) -> Any:
-    """(3, n) points a little above their surfaces, which keeps these from shadowing themselves.
-
-    Returns:
-        The points, and (blocks, 6) middle and half size of the box around each block of them.
-    """
-    out = np.empty((3, len(which)))
-    for j in range(len(which)):
-        for k in range(3):
-            out[k, j] = point[which[j], k] + height * normal[which[j], k]
-    boxes = np.empty(((len(which) + _BLOCK - 1) // _BLOCK, 6))
-    for block in range(len(boxes)):
-        first, end = block * _BLOCK, min((block + 1) * _BLOCK, len(which))
-        for k in range(3):
-            low = high = out[k, first]
-            for i in range(first + 1, end):
-                low, high = min(low, out[k, i]), max(high, out[k, i])
-            boxes[block, k], boxes[block, 3 + k] = 0.5 * (low + high), 0.5 * (high - low)
-    return out, boxes
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def lamp_light(
+def object_light(
     pictures: Singles,
     poses: Floats,
-    texel: float,
-    point: Floats,
-    normal: Floats,
-    which: Integers,
-    lamp: Floats,
+    shares: Floats,
+    bias: float,
+    points: Floats,
+    normals: Floats,
+    facing: bool,
+    out: Floats,
 ) -> None:
-    """Share of the lamp's points that points of surfaces see.
+    """Light that reaches points of objects.
 
     Args:
         pictures: (K, side, side).
-        poses: (K, 15).
-        texel: Size of the pictures' pixels at the objects, metres.
-        point: (n, 3) world.
-        normal: (n, 3) unit normals of their triangles.
-        which: Those of the n that count.
-        lamp: (n,) out.
+        poses: (K, POSE_LENGTH).
+        shares: (K,) of each point that gives light.
+        bias: How much nearer than a point something must be to shadow it, metres.
+        points: (3, n) world.
+        normals: (3, n) unit.
+        facing: Whether light counts by the cosine at which it arrives.
+        out: (n,) out.
     """
-    lifted, boxes = _lifted(point, normal, which, 1.5 * texel)
-    total, lit = np.zeros(len(which)), np.empty(len(which))
+    lit = np.empty(len(out))
+    out[:] = 0.0
     for k in range(len(poses)):
-        _lit(pictures[k], poses[k], 0.5 * texel, lifted, boxes, lit)
-        total += lit
-    for j in range(len(which)):
-        lamp[which[j]] = total[j] / len(poses)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def sky_light(
-    pictures: Singles,
-    poses: Floats,
-    texel: float,
-    point: Floats,
-    normal: Floats,
-    up: Floats,
-    which: Integers,
-    sky: Floats,
-) -> None:
-    """Light from above that reaches points of surfaces, 1 for a free one that faces up.
-
-    Args:
-        pictures: (K, side, side).
-        poses: (K, 15) of points all over the sky.
-        texel: Size of the pictures' pixels at the objects, metres.
-        point: (n, 3) world.
-        normal: (n, 3) unit normals of their triangles.
-        up: (n, 3) unit normals for shading.
-        which: Those of the n that count.
-        sky: (n,) out.
-    """
-    lifted, boxes = _lifted(point, normal, which, 1.5 * texel)
-    total, lit = np.zeros(len(which)), np.empty(len(which))
-    full = 0.0
-    for k in range(len(poses)):
-        # The axis z of the picture looks from the sky down.
+        _lit(pictures[k], poses[k], bias, points, 0, len(out), lit)
+        share = shares[k]
+        # The axis z of the picture looks from the light down.
         dx, dy, dz = -poses[k, 9], -poses[k, 10], -poses[k, 11]
-        full += dz
-        _lit(pictures[k], poses[k], texel, lifted, boxes, lit)
-        for j in range(len(which)):
-            i = which[j]
-            facing = dx * up[i, 0] + dy * up[i, 1] + dz * up[i, 2]
-            total[j] += max(facing, 0.0) * lit[j]
-    for j in range(len(which)):
-        sky[which[j]] = total[j] / full
+        if facing:
+            for i in range(len(out)):
+                cosine = dx * normals[0, i] + dy * normals[1, i] + dz * normals[2, i]
+                out[i] += share * max(cosine, 0.0) * lit[i]
+        else:
+            for i in range(len(out)):
+                out[i] += share * lit[i]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def surroundings(light: Floats, x: float, y: float, z: float, rough: float, k: int) -> float:
-    """Colour channel k of what a mirror sees in a direction: a bright room, a lamp, the table."""
-    sky = light[SKY + k]
-    soft = 0.08 + 0.6 * rough
-    up = min(max(z / soft * 0.5 + 0.5, 0.0), 1.0)
-    above = sky * (0.55 + 0.75 * min(max(z, 0.0), 1.0))
-    # Two windows of a room, as bands of azimuth, blurred by the roughness.
+def light_numbers(light: Floats) -> Any:
+    """The scene's light as six triples: lamp, its colour, second lamp, its colour, sky, ground."""
+    return (
+        (light[KEY], light[KEY + 1], light[KEY + 2]),
+        (light[KEY_COLOUR], light[KEY_COLOUR + 1], light[KEY_COLOUR + 2]),
+        (light[FILL], light[FILL + 1], light[FILL + 2]),
+        (light[FILL_COLOUR], light[FILL_COLOUR + 1], light[FILL_COLOUR + 2]),
+        (light[SKY], light[SKY + 1], light[SKY + 2]),
+        (light[GROUND], light[GROUND + 1], light[GROUND + 2]),
+    )
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _surroundings(x: float, y: float, z: float, rough: float) -> Any:
+    """How much of the sky and of the table a mirror sees in a direction, in a room with a window.
+
+    Args:
+        x: Unit direction, as are y and z.
+        y: See x.
+        z: See x.
+        rough: Roughness of the mirror; it blurs.
+    """
+    up = min(max(z / (0.16 + 1.2 * rough) + 0.5, 0.0), 1.0)
+    # The window is a band in the walls.
     band = min(max((x * 0.8 + y * 0.6 - 0.45) / (0.1 + rough) + 0.5, 0.0), 1.0)
     band *= min(max((0.75 - z) / (0.15 + rough) + 0.5, 0.0), 1.0)
-    above *= 0.6 + 1.3 * band
-    below = light[GROUND + k] * (0.35 + 0.35 * rough)
-    out: float = below + (above - below) * up
-    return out
+    sky = (0.55 + 0.75 * min(max(z, 0.0), 1.0)) * (0.6 + 1.3 * band)
+    return sky * up, (0.35 + 0.35 * rough) * (1.0 - up)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _highlight(n: Any, to_lamp: Any, eye: Any, facing: float, view: float, rough: float) -> float:
+    """How strongly a surface mirrors the lamp."""
+    hx, hy, hz = to_lamp[0] + eye[0], to_lamp[1] + eye[1], to_lamp[2] + eye[2]
+    size = hx * hx + hy * hy + hz * hz + 1e-12
+    cosine = max(n[0] * hx + n[1] * hy + n[2] * hz, 0.0)
+    alpha = rough * rough
+    square, half = alpha * alpha, alpha * 0.5
+    width = cosine * cosine / size * (square - 1.0) + 1.0
+    masking = (facing * (1.0 - half) + half) * (view * (1.0 - half) + half)
+    return min(square / (width * width * 4.0 * masking), 12.0) * facing
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _channel(
+    own: float, base: float, metal: float, diffuse: float, seen: float, shine: float, grazing: float
+) -> float:
+    """One colour channel of what leaves a surface."""
+    tint = base + (own - base) * metal
+    mirror = tint + (1.0 - tint) * grazing
+    return own * (1.0 - metal) * (1.0 - mirror) * diffuse + mirror * seen + tint * shine
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def shaded(
-    surface: Floats,
-    light: Floats,
-    colour: Any,
+    finish: Any,
+    numbers: Any,
+    own: Any,
     p: Any,
     n: Any,
     eye: Any,
     lamp: float,
     sky: float,
 ) -> Any:
-    """Linear red, green, blue that leave a surface towards the eye.
+    """Linear red, green, blue that leave a surface towards the eye; there is no choice in it.
 
     Args:
-        surface: Its row of numbers.
-        light: Numbers of the scene's light.
-        colour: Its own colour there.
+        finish: Roughness, metal and reflectance.
+        numbers: The scene's light, of `light_numbers`.
+        own: Own colour.
         p: World point.
         n: Unit normal.
         eye: Unit direction to the camera.
         lamp: Share of the lamp that it sees.
-        sky: Light from above, of `sky_light`.
+        sky: Light from above.
 
     References:
         B. Walter et al., "Microfacet models for refraction through rough surfaces", EGSR 2007
         (the distribution GGX); C. Schlick, "An inexpensive BRDF model", 1994.
     """
-    lx, ly, lz = light[KEY] - p[0], light[KEY + 1] - p[1], light[KEY + 2] - p[2]
-    away = math.sqrt(lx * lx + ly * ly + lz * lz)
-    lx, ly, lz = lx / away, ly / away, lz / away
+    rough, metal, base = finish
+    place, key, fill, fill_colour, above, ground = numbers
+    lx, ly, lz = place[0] - p[0], place[1] - p[1], place[2] - p[2]
+    near = 1.0 / math.sqrt(lx * lx + ly * ly + lz * lz)
+    lx, ly, lz = lx * near, ly * near, lz * near
     facing = max(n[0] * lx + n[1] * ly + n[2] * lz, 0.0)
-    second = max(n[0] * light[FILL] + n[1] * light[FILL + 1] + n[2] * light[FILL + 2], 0.0)
-    view = max(n[0] * eye[0] + n[1] * eye[1] + n[2] * eye[2], 1e-3)
-    rough, metal, base = surface[ROUGHNESS], surface[METAL], surface[REFLECTANCE]
-    # Highlight of the lamp.
-    hx, hy, hz = lx + eye[0], ly + eye[1], lz + eye[2]
-    size = math.sqrt(hx * hx + hy * hy + hz * hz)
-    shine = 0.0
-    if facing > 0.0 and size > 0.0:
-        cosine = max((n[0] * hx + n[1] * hy + n[2] * hz) / size, 0.0)
-        alpha = rough * rough
-        square = alpha * alpha
-        width = cosine * cosine * (square - 1.0) + 1.0
-        half = alpha * 0.5
-        masking = (facing * (1.0 - half) + half) * (view * (1.0 - half) + half)
-        shine = min(square / (width * width * 4.0 * masking), 12.0) * facing * lamp
-    # What it mirrors.
-    twice = 2.0 * (n[0] * eye[0] + n[1] * eye[1] + n[2] * eye[2])
-    rx, ry, rz = twice * n[0] - eye[0], twice * n[1] - eye[1], twice * n[2] - eye[2]
-    grazing = 1.0 - view
-    grazing = grazing * grazing
-    grazing = grazing * grazing * (1.0 - view) * (1.0 - 0.7 * rough)
+    second = max(n[0] * fill[0] + n[1] * fill[1] + n[2] * fill[2], 0.0)
     open_ = 0.35 + 0.65 * min(sky * 1.2, 1.0)
-    bounce = 0.5 - 0.5 * n[2]
-    out = (0.0, 0.0, 0.0)
-    for k in range(3):
-        key = light[KEY_COLOUR + k]
-        own = colour[k]
-        diffuse = key * facing * lamp + light[FILL_COLOUR + k] * second * open_
-        diffuse += light[SKY + k] * sky + light[GROUND + k] * bounce * open_ * 0.6
-        tint = base + (own - base) * metal
-        mirror = tint + (1.0 - tint) * grazing
-        seen = surroundings(light, rx, ry, rz, rough, k) * open_
-        value = own * (1.0 - metal) * (1.0 - mirror) * diffuse + mirror * seen + tint * shine * key
-        if k == 0:
-            out = (value, 0.0, 0.0)
-        elif k == 1:
-            out = (out[0], value, 0.0)
-        else:
-            out = (out[0], out[1], value)
-    return out
+    first, second, bounce = facing * lamp, second * open_, (0.3 - 0.3 * n[2]) * open_
+    view = max(n[0] * eye[0] + n[1] * eye[1] + n[2] * eye[2], 1e-3)
+    shine = _highlight(n, (lx, ly, lz), eye, facing, view, rough) * lamp
+    rx, ry, rz = 2.0 * view * n[0] - eye[0], 2.0 * view * n[1] - eye[1], 2.0 * view * n[2] - eye[2]
+    up, down = _surroundings(rx, ry, rz, rough)
+    up, down = up * open_, down * open_
+    grazing = (1.0 - view) * (1.0 - view)
+    grazing = grazing * grazing * (1.0 - view) * (1.0 - 0.7 * rough)
+    # A surface that mirrors nothing does not do so at an angle either.
+    grazing *= min(base * 50.0, 1.0)
+    red = first * key[0] + second * fill_colour[0] + sky * above[0] + bounce * ground[0]
+    green = first * key[1] + second * fill_colour[1] + sky * above[1] + bounce * ground[1]
+    blue = first * key[2] + second * fill_colour[2] + sky * above[2] + bounce * ground[2]
+    seen = up * above[0] + down * ground[0]
+    red = _channel(own[0], base, metal, red, seen, shine * key[0], grazing)
+    seen = up * above[1] + down * ground[1]
+    green = _channel(own[1], base, metal, green, seen, shine * key[1], grazing)
+    seen = up * above[2] + down * ground[2]
+    blue = _channel(own[2], base, metal, blue, seen, shine * key[2], grazing)
+    return red, green, blue
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def leave_table(
+    finish: Any,
+    light: Floats,
+    colour: Floats,
+    point: Floats,
+    back: Floats,
+    lamp: Floats,
+    sky: Floats,
+    out: Floats,
+) -> None:
+    """Light that leaves points of the table towards the camera.
+
+    Args:
+        finish: Roughness, metal and reflectance.
+        light: Numbers of the scene's light.
+        colour: (3, n) own colour.
+        point: (3, n) world.
+        back: (3, n) unit direction to the camera.
+        lamp: (n,) share of the lamp.
+        sky: (n,) light from above.
+        out: (3, n) out: linear colour.
+    """
+    numbers = light_numbers(light)
+    for i in range(len(lamp)):
+        own, p = (colour[0, i], colour[1, i], colour[2, i]), (point[0, i], point[1, i], point[2, i])
+        b = (back[0, i], back[1, i], back[2, i])
+        out[0, i], out[1, i], out[2, i] = shaded(
+            finish, numbers, own, p, (0.0, 0.0, 1.0), b, lamp[i], sky[i]
+        )
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def leave_objects(
+    rows: Floats,
+    owner: NDArray[np.int16],
+    light: Floats,
+    colour: Floats,
+    point: Floats,
+    smooth: Floats,
+    back: Floats,
+    lamp: Floats,
+    sky: Floats,
+    out: Floats,
+) -> None:
+    """The same of points of objects.
+
+    Args:
+        rows: (N + 1, LENGTH) numbers of surfaces.
+        owner: (n,) which of them each point is on.
+        light: Numbers of the scene's light.
+        colour: (3, n) own colour.
+        point: (3, n) world.
+        smooth: (3, n) unit normal.
+        back: (3, n) unit direction to the camera.
+        lamp: (n,) share of the lamp.
+        sky: (n,) light from above.
+        out: (3, n) out: linear colour.
+    """
+    numbers = light_numbers(light)
+    for i in range(len(lamp)):
+        k = owner[i]
+        finish = (rows[k, ROUGHNESS], rows[k, METAL], rows[k, REFLECTANCE])
+        own, p = (colour[0, i], colour[1, i], colour[2, i]), (point[0, i], point[1, i], point[2, i])
+        n, b = (smooth[0, i], smooth[1, i], smooth[2, i]), (back[0, i], back[1, i], back[2, i])
+        out[0, i], out[1, i], out[2, i] = shaded(finish, numbers, own, p, n, b, lamp[i], sky[i])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def see_through(
+    rows: Floats,
+    owner: NDArray[np.int16],
+    light: Floats,
+    own: Floats,
+    smooth: Floats,
+    back: Floats,
+    behind: Floats,
+    out: Floats,
+) -> None:
+    """Add to glass what lies behind it, darker where it goes askew, and what it mirrors.
+
+    Args:
+        rows: (N + 1, LENGTH) numbers of surfaces.
+        owner: (n,) which of them each point is on.
+        light: Numbers of the scene's light.
+        own: (3, n) own colour.
+        smooth: (3, n) unit normal.
+        back: (3, n) unit direction to the camera.
+        behind: (3, n) colour of what lies behind.
+        out: (3, n) in and out: linear colour.
+    """
+    for i in range(len(owner)):
+        clear, base = rows[owner[i], GLASS], rows[owner[i], REFLECTANCE]
+        facing = smooth[0, i] * back[0, i] + smooth[1, i] * back[1, i] + smooth[2, i] * back[2, i]
+        askew = 1.0 - facing
+        through = clear * (0.25 + 0.75 * facing * (2.0 - facing))
+        mirror = 0.6 * clear * (askew * askew * askew + base)
+        for k in range(3):
+            seen = through * behind[k, i] * (0.55 + 0.45 * own[k, i])
+            out[k, i] = out[k, i] * (1.0 - 0.85 * clear) + seen + mirror * light[SKY + k]

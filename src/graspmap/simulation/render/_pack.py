@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from graspmap.simulation.render import _film_kernel, _light_kernel, _raster_kernel
 from graspmap.simulation.render import _texture_kernel as texture
-from graspmap.simulation.render._scene_kernel import Eye, Geometry, Lamps, Surfaces
+from graspmap.simulation.render._scene import Eye, Geometry, Lamps, Surfaces
 from graspmap.simulation.render.appearance import Appearance, Finish, Light, ObjectLook, TableLook
 from graspmap.simulation.render.view import View, turn
 from graspmap.simulation.tabletop import Tabletop
@@ -35,38 +35,55 @@ def pack_eye(view: View) -> Eye:
     )
 
 
-def pack_geometry(tabletop: Tabletop, eye: Eye, creases_deg: tuple[float, ...]) -> Geometry:
-    """The objects' surfaces in the world and in the camera's frame."""
+def pack_points(tabletop: Tabletop) -> tuple[Floats, NDArray[np.int32]]:
+    """(V, 3) world vertices of all objects, and their (F, 3) triangles."""
     models = [placed.model for placed in tabletop.objects]
-    poses = [placed.T_world_object for placed in tabletop.objects]
-    count = sum(len(model.vertices) for model in models)
-    world, uv = np.empty((count, 3)), np.zeros((count, 2))
-    faces, normals, corners, owner = [], [], [], []
-    start = 0
-    for number, (model, pose) in enumerate(zip(models, poses, strict=True)):
+    world = np.empty((sum(len(model.vertices) for model in models), 3))
+    faces, start = [np.empty((0, 3), np.int32)], 0
+    for placed in tabletop.objects:
+        model, pose = placed.model, placed.T_world_object
         end = start + len(model.vertices)
-        own = np.ascontiguousarray(model.faces, dtype=np.int32)
-        vertices = np.ascontiguousarray(model.vertices, dtype=np.float64)
         # Not RigidTransform.apply: NumPy's products round as the processor's library has it.
         _raster_kernel.to_world(
-            vertices, np.array(pose.rotation), np.array(pose.translation), world[start:end]
+            np.ascontiguousarray(model.vertices, dtype=np.float64),
+            np.array(pose.rotation),
+            np.array(pose.translation),
+            world[start:end],
         )
-        flat = _raster_kernel.face_normals(world[start:end], own)
+        faces.append(model.faces.astype(np.int32) + np.int32(start))
+        start = end
+    return world, np.concatenate(faces)
+
+
+def pack_geometry(tabletop: Tabletop, eye: Eye, creases_deg: tuple[float, ...]) -> Geometry:
+    """The objects' surfaces in the world and in the camera's frame."""
+    world, faces = pack_points(tabletop)
+    normals = _raster_kernel.face_normals(world, faces)
+    uv, corners = np.zeros((len(world), 2)), np.empty((len(faces), 3, 3))
+    owner, sides = np.empty(len(faces), np.int16), np.empty(len(faces), np.uint8)
+    first = start = 0
+    for number, placed in enumerate(tabletop.objects):
+        model = placed.model
+        end, last = start + len(model.vertices), first + len(model.faces)
+        own = faces[first:last] - np.int32(start)
         crease = turn(math.radians(creases_deg[number]))[0]
-        corners.append(_raster_kernel.corner_normals(world[start:end], own, flat, crease))
-        normals.append(flat)
-        faces.append(own + np.int32(start))
-        owner.append(np.full(len(own), number, np.int16))
+        corners[first:last] = _raster_kernel.corner_normals(
+            world[start:end], own, normals[first:last], crease
+        )
+        owner[first:last] = number
+        sides[first:last] = 1 if _raster_kernel.is_closed(world[start:end], own) else 2
         if model.texture is not None:
             uv[start:end] = model.texture.uv
-        start = end
+        start, first = end, last
+    poses = [placed.T_world_object for placed in tabletop.objects]
     return Geometry(
         world,
         _raster_kernel.to_frame(world, eye.rotation, eye.origin),
-        np.concatenate([np.empty((0, 3), np.int32), *faces]),
-        np.concatenate([np.empty((0, 3)), *normals]),
-        np.concatenate([np.empty((0, 3, 3)), *corners]),
-        np.concatenate([np.empty(0, np.int16), *owner]),
+        faces,
+        normals,
+        corners,
+        owner,
+        sides,
         uv,
         np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3),
         np.array([pose.translation for pose in poses]).reshape(-1, 3),
@@ -129,9 +146,8 @@ def pack_lamps(geometry: Geometry, appearance: Appearance, pixel_m: float) -> La
     numbers[_light_kernel.GROUND : _light_kernel.GROUND + 3] = fall
     key, sky = _disk(light), _dome()
     if not len(geometry.faces):
-        none = np.empty((0, 2, 2), np.float32)
-        poses = np.empty((0, 15))
-        return Lamps(numbers, none, poses, 0.0, none, poses, 0.0, (0.0, 0.0, -1.0))
+        none = (np.empty((0, 2, 2), np.float32), np.empty((0, _light_kernel.POSE_LENGTH)), 0.0, np.empty(0))
+        return Lamps(numbers, *none, *none)
     low, high = geometry.world.min(axis=0), geometry.world.max(axis=0)
     size = math.sqrt(float(((high - low) ** 2).sum()))
     sides = [
@@ -139,36 +155,20 @@ def pack_lamps(geometry: Geometry, appearance: Appearance, pixel_m: float) -> La
         for share, (least, most) in ((0.8, _KEY_SIDE_PX), (2.5, _SKY_SIDE_PX))
     ]
     clear = np.array([look.finish.glass > 0.5 for look in appearance.objects])
-    solid = ~clear[geometry.owner]
+    solid = np.where(clear[geometry.owner], 0, geometry.sides).astype(np.uint8)
     points, faces = geometry.world, geometry.faces
-    whole = np.ones(len(faces), np.bool_)
+    high_sky = sky + 0.5 * (low + high)
     pictures = _light_kernel.lamp_pictures(points, faces, solid, key, sides[0])
-    dome = _light_kernel.lamp_pictures(points, faces, whole, sky + 0.5 * (low + high), sides[1])
+    dome = _light_kernel.lamp_pictures(points, faces, geometry.sides, high_sky, sides[1])
     return Lamps(
         numbers,
         *pictures,
         size / (sides[0] - 4),
+        np.full(len(key), 1 / len(key)),
         *dome,
         size / (sides[1] - 4),
-        _reach(low, high, np.concatenate([key, sky + 0.5 * (low + high)])),
+        sky[:, 2] / sum(sky[:, 2].tolist()),
     )
-
-
-def _reach(low: Floats, high: Floats, lamps: Floats) -> tuple[float, float, float]:
-    """(x, y, radius) of a disk on the table outside of which nothing is in any lamp's shadow."""
-    corners = np.array(
-        [(x, y, z) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (0.0, high[2])]
-    )
-    x, y = 0.5 * (low[:2] + high[:2])
-    radius = 0.0
-    for lamp in lamps:
-        if lamp[2] <= high[2]:
-            return float(x), float(y), math.inf
-        share = corners[:, 2] / (lamp[2] - corners[:, 2])
-        fallen = corners[:, :2] + (corners[:, :2] - lamp[:2]) * share[:, None]
-        far = ((fallen - (x, y)) ** 2).sum(axis=1).max()
-        radius = max(radius, math.sqrt(float(far)))
-    return float(x), float(y), radius + 0.002
 
 
 def _disk(light: Light) -> Floats:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int32]
 
+_WIDE = 6  # pixels from which on it pays to compute where a row of a triangle begins
 _BORDER_PX = 1e-6  # a vertex this far from a pixel's centre is left to the exact test
 
 
@@ -54,10 +55,21 @@ def _limits(a: float, b: float, c: float, count: int) -> Any:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def _span(slope: float, offset: float, fx: float, cx: float, first: int, end: int) -> Any:
+    """Columns among which those with slope x + offset >= 0 lie, with a pixel to spare."""
+    if slope == 0.0:
+        return first, end
+    border = min(max(cx - fx * offset / slope, -2.0), end + 2.0)
+    if slope > 0.0:
+        return max(first, int(math.floor(border)) - 1), end
+    return first, min(end, int(math.ceil(border)) + 2)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def draw_triangles(
     points: Floats,
     faces: Integers,
-    drawn: NDArray[np.bool_],
+    drawn: NDArray[np.uint8],
     focal: Any,
     depth: Any,
     triangle: Integers,
@@ -70,7 +82,7 @@ def draw_triangles(
     Args:
         points: (V, 3) vertices in the camera's frame.
         faces: (F, 3) vertex numbers.
-        drawn: (F,) triangles to draw.
+        drawn: (F,) which triangles to draw: 0 none, 1 those that face the camera, 2 all.
         focal: (fx, fy, cx, cy) pixels.
         depth: (H, W) in and out: depth along z.
         triangle: (H, W) in and out: number of the triangle; (0, 0) where it is not wanted.
@@ -86,7 +98,7 @@ def draw_triangles(
     ray_x = (np.arange(columns) - cx) / fx
     ray_y = (np.arange(rows) - cy) / fy
     for f in range(len(faces)):
-        if not drawn[f]:
+        if drawn[f] == 0:
             continue
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
         ax, ay, az = points[i, 0], points[i, 1], points[i, 2]
@@ -104,11 +116,11 @@ def draw_triangles(
             continue
         # A ray's value at the edge from b to c is its product with b x c, and so on.
         px, py, pz = by * gz - bz * gy, bz * gx - bx * gz, bx * gy - by * gx
+        volume = ax * px + ay * py + az * pz
+        if volume == 0.0 or (volume > 0.0 and drawn[f] == 1):
+            continue
         qx, qy, qz = gy * az - gz * ay, gz * ax - gx * az, gx * ay - gy * ax
         rx, ry, rz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        volume = ax * px + ay * py + az * pz
-        if volume == 0.0:
-            continue
         if volume < 0.0:
             px, py, pz, qx, qy, qz, rx, ry, rz = -px, -py, -pz, -qx, -qy, -qz, -rx, -ry, -rz
         # The plane, from differences: with the products above, small triangles would lose digits.
@@ -118,7 +130,12 @@ def draw_triangles(
         for row in range(top, bottom):
             y = ray_y[row]
             p, q, r, n = py * y + pz, qy * y + qz, ry * y + rz, ny * y + nz
-            for column in range(left, right):
+            first, end = left, right
+            if right - left > _WIDE:
+                first, end = _span(px, p, fx, cx, first, end)
+                first, end = _span(qx, q, fx, cx, first, end)
+                first, end = _span(rx, r, fx, cx, first, end)
+            for column in range(first, end):
                 x = ray_x[column]
                 if px * x + p >= 0.0 and qx * x + q >= 0.0 and rx * x + r >= 0.0:
                     speed = nx * x + n
@@ -169,6 +186,30 @@ def table_depth(rotation: Floats, height: float, focal: Any, depth: Floats) -> N
             x = (column - cx) / fx
             down = -(rotation[2, 0] * x + (rotation[2, 1] * y + rotation[2, 2]))
             depth[row, column] = height / down if down > 0.0 and height > 0.0 else np.inf
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def is_closed(points: Floats, faces: Integers) -> bool:
+    """Whether triangles enclose a space and face out of it, so that their backs are never seen.
+
+    Each edge must be passed as often one way as the other: a sum of large numbers, one for each
+    edge and of opposite sign for the two ways, is then 0, and hardly ever otherwise.
+    """
+    total, volume = np.int64(0), 0.0
+    for f in range(len(faces)):
+        for k in range(3):
+            a, b = np.int64(faces[f, k]), np.int64(faces[f, (k + 1) % 3])
+            low, high = min(a, b), max(a, b)
+            number = low * 6364136223846793 + high * 1442695040888963
+            number = (number ^ (number >> 29)) * 3935559000370003
+            number = number ^ (number >> 32)
+            total += number if a < b else -number
+        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+        x = points[j, 1] * points[k, 2] - points[j, 2] * points[k, 1]
+        y = points[j, 2] * points[k, 0] - points[j, 0] * points[k, 2]
+        z = points[j, 0] * points[k, 1] - points[j, 1] * points[k, 0]
+        volume += points[i, 0] * x + points[i, 1] * y + points[i, 2] * z
+    return total == 0 and volume > 0.0
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -42,6 +42,22 @@ LENGTH = 23
 """Numbers in a row."""
 
 
+_LAST = 1023  # of the tables of noise; beyond, they repeat
+
+
+def _tables() -> tuple[NDArray[np.int64], Floats]:
+    """Whole numbers 0 to 1023 in a shuffled order, and as many numbers from 0 to 1."""
+    state, keys = 12345, []
+    for _ in range(2 * (_LAST + 1)):
+        state = (state * 1103515245 + 12345) % 2**31
+        keys.append(state >> 8)
+    order = sorted(range(_LAST + 1), key=keys.__getitem__)
+    return np.array(order), np.array(keys[_LAST + 1 :]) / 2.0**23
+
+
+_SHUFFLED, _RANDOM = _tables()
+
+
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def hashed(x: int, y: int, z: int, seed: int) -> int:
     """31 bits that look random, from four whole numbers."""
@@ -79,32 +95,52 @@ def _wave(x: float) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _noise(x: float, y: float, z: float, seed: int) -> float:
-    """Smooth noise between 0 and 1 with bumps of size 1."""
-    fx, fy, fz = math.floor(x), math.floor(y), math.floor(z)
-    i, j, k = int(fx), int(fy), int(fz)
-    u, v, w = _smooth(x - fx), _smooth(y - fy), _smooth(z - fz)
-    out = 0.0
-    for c in range(2):
-        a = chance(i, j, k + c, seed)
-        b = chance(i + 1, j, k + c, seed)
-        d = chance(i, j + 1, k + c, seed)
-        e = chance(i + 1, j + 1, k + c, seed)
-        flat = (a + (b - a) * u) + ((d + (e - d) * u) - (a + (b - a) * u)) * v
-        out += flat * (w if c else 1.0 - w)
-    return out
+def _between(a: float, b: float, c: float, d: float, u: float, v: float) -> float:
+    """Between four corners of a square, at (u, v) in it."""
+    low = a + (b - a) * u
+    return low + ((c + (d - c) * u) - low) * v
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _flat_noise(x: float, y: float, seed: int) -> float:
+def _noise(x: float, y: float, z: float, seed: int) -> float:
+    """Smooth noise between 0 and 1 with bumps of size 1."""
+    fx, fy, fz = math.floor(x), math.floor(y), math.floor(z)
+    u, v, w = _smooth(x - fx), _smooth(y - fy), _smooth(z - fz)
+    i, j, k = int(fx), int(fy) + seed, int(fz) + 37 * seed
+    p, q = _SHUFFLED[k & _LAST], _SHUFFLED[(k + 1) & _LAST]
+    a, b = i + _SHUFFLED[(j + p) & _LAST], i + _SHUFFLED[(j + 1 + p) & _LAST]
+    c, d = i + _SHUFFLED[(j + q) & _LAST], i + _SHUFFLED[(j + 1 + q) & _LAST]
+    low = _between(
+        _RANDOM[a & _LAST],
+        _RANDOM[(a + 1) & _LAST],
+        _RANDOM[b & _LAST],
+        _RANDOM[(b + 1) & _LAST],
+        *(u, v),
+    )
+    high = _between(
+        _RANDOM[c & _LAST],
+        _RANDOM[(c + 1) & _LAST],
+        _RANDOM[d & _LAST],
+        _RANDOM[(d + 1) & _LAST],
+        *(u, v),
+    )
+    return low + (high - low) * w
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def flat_noise(x: float, y: float, seed: int) -> float:
     """The same on a plane."""
     fx, fy = math.floor(x), math.floor(y)
-    i, j = int(fx), int(fy)
     u, v = _smooth(x - fx), _smooth(y - fy)
-    a, b = chance(i, j, 0, seed), chance(i + 1, j, 0, seed)
-    d, e = chance(i, j + 1, 0, seed), chance(i + 1, j + 1, 0, seed)
-    low = a + (b - a) * u
-    return low + ((d + (e - d) * u) - low) * v
+    i, j = int(fx), int(fy) + seed
+    a, b = i + _SHUFFLED[j & _LAST], i + _SHUFFLED[(j + 1) & _LAST]
+    return _between(
+        _RANDOM[a & _LAST],
+        _RANDOM[(a + 1) & _LAST],
+        _RANDOM[b & _LAST],
+        _RANDOM[(b + 1) & _LAST],
+        *(u, v),
+    )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -112,22 +148,22 @@ def _clouds(x: float, y: float, z: float, seed: int, pixel: float) -> float:
     """Noise over several sizes, 0 to 1; sizes below two pixels are left out."""
     total, weight, size = 0.0, 0.5, 1.0
     for octave in range(4):
-        if octave and size < 2.0 * pixel:
+        if octave and pixel > 0.5 * size:
             break
-        total += weight * (_noise(x / size, y / size, z / size, seed + octave) - 0.5)
-        weight, size = weight * 0.5, size * 0.5
+        total += weight * (_noise(x, y, z, seed + 7 * octave) - 0.5)
+        weight, size, x, y, z = weight * 0.5, size * 0.5, 2.0 * x, 2.0 * y, 2.0 * z
     return min(max(0.5 + 1.4 * total, 0.0), 1.0)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _flat_clouds(x: float, y: float, seed: int, pixel: float) -> float:
-    """The same on a plane."""
+def _flat_clouds(x: float, y: float, seed: int, pixel: float, octaves: int) -> float:
+    """The same on a plane, with so many sizes."""
     total, weight, size = 0.0, 0.5, 1.0
-    for octave in range(5):
-        if octave and size < 2.0 * pixel:
+    for octave in range(octaves):
+        if octave and pixel > 0.5 * size:
             break
-        total += weight * (_flat_noise(x / size, y / size, seed + octave) - 0.5)
-        weight, size = weight * 0.5, size * 0.5
+        total += weight * (flat_noise(x, y, seed + 7 * octave) - 0.5)
+        weight, size, x, y = weight * 0.5, size * 0.5, 2.0 * x, 2.0 * y
     return min(max(0.5 + 1.4 * total, 0.0), 1.0)
 
 
@@ -183,7 +219,7 @@ def _third(surface: Floats) -> Any:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def solid_colour(surface: Floats, x: float, y: float, z: float, pixel: float) -> Any:
+def _solid_colour(surface: Floats, x: float, y: float, z: float, pixel: float) -> Any:
     """Linear red, green, blue of an object at a point of its own space.
 
     Args:
@@ -239,9 +275,9 @@ def _planks(surface: Floats, x: float, y: float, seed: int, pixel: float) -> Any
     number = hashed(int(row), int(board), 1, seed) & 0xFFFF
     shift = float(number & 0xFF)
     away = y - row
-    bend = _flat_noise(0.45 * x + shift, 1.3 * y, seed + 1)
+    bend = flat_noise(0.45 * x + shift, 1.3 * y, seed + 1)
     grain = _wave(3.0 * away + 2.6 * bend + shift)
-    fibre = _flat_noise(1.6 * x + shift, 34.0 * y, seed + 2) if pixel < 0.03 else 0.5
+    fibre = flat_noise(1.6 * x + shift, 34.0 * y, seed + 2) if pixel < 0.03 else 0.5
     t = 0.6 * grain * grain + 0.4 * fibre
     tone = 0.88 + 0.24 * ((number >> 8) / 255.0)
     red, green, blue = _mix(surface, t, tone)
@@ -267,7 +303,7 @@ def _cloth(surface: Floats, x: float, y: float, seed: int, pixel: float) -> Any:
     thread = chance(0 if over else int(i), int(j) if over else 0, over, seed)
     slub = 0.7 + 0.3 * seen * (2.0 * thread - 1.0) * 0.5
     tone = (0.72 + seen * (shade - 0.72)) * slub * 1.55
-    wear = _flat_clouds(0.02 * x, 0.02 * y, seed + 5, 0.02 * pixel)
+    wear = _flat_clouds(0.02 * x, 0.02 * y, seed + 5, 0.02 * pixel, 3)
     return _mix(surface, 0.35 * wear + (0.65 if over else 0.0) * (0.5 + 0.5 * seen), tone)
 
 
@@ -278,7 +314,7 @@ def _tiles(surface: Floats, x: float, y: float, seed: int, pixel: float) -> Any:
     edge = min(x - i, 1.0 - (x - i), y - j, 1.0 - (y - j))
     joint = _step(0.025, 0.012 + pixel, edge)
     tone = 0.93 + 0.14 * chance(int(i), int(j), 0, seed)
-    cloud = _flat_clouds(3.0 * x, 3.0 * y, seed + (hashed(int(i), int(j), 1, seed) & 63), 3 * pixel)
+    cloud = _flat_clouds(3.0 * x, 3.0 * y, seed + (hashed(int(i), int(j), 1, seed) & 63), 3.0 * pixel, 3)
     red, green, blue = _mix(surface, 0.35 * cloud, tone)
     third_red, third_green, third_blue = _third(surface)
     return (
@@ -289,8 +325,8 @@ def _tiles(surface: Floats, x: float, y: float, seed: int, pixel: float) -> Any:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def table_colour(surface: Floats, x: float, y: float, pixel: float) -> Any:
-    """Linear red, green, blue of the table at a point (x, y), metres; see `solid_colour`."""
+def _table_colour(surface: Floats, x: float, y: float, pixel: float) -> Any:
+    """Linear red, green, blue of the table at a point (x, y), metres; see `_solid_colour`."""
     pattern, seed, scale = int(surface[PATTERN]), int(surface[SEED]), surface[SCALE]
     cos, sin = surface[AXIS], surface[AXIS + 1]
     x, y = (cos * x + sin * y) / scale, (cos * y - sin * x) / scale
@@ -302,42 +338,107 @@ def table_colour(surface: Floats, x: float, y: float, pixel: float) -> Any:
     if pattern == TILES:
         return _tiles(surface, x, y, seed, pixel)
     if pattern == NOISE:
-        return _mix(surface, _flat_clouds(x, y, seed, pixel), 1.0)
+        return _mix(surface, _flat_clouds(x, y, seed, pixel, 5), 1.0)
     if pattern == MARBLE:
-        t = _wave(0.5 * x + 0.3 * y + 2.4 * _flat_clouds(x, y, seed, pixel))
-        return _mix(surface, t * t * t * t, 0.95 + 0.1 * _flat_noise(0.5 * x, 0.5 * y, seed + 9))
+        t = _wave(0.5 * x + 0.3 * y + 2.4 * _flat_clouds(x, y, seed, pixel, 5))
+        return _mix(surface, t * t * t * t, 0.95 + 0.1 * flat_noise(0.5 * x, 0.5 * y, seed + 9))
     if pattern == SPECKLE:
         spot, number = _spots(x, y, 0.0, seed, True)
         if spot:
             return _mix(surface, 1.0, 0.8 + 0.4 * number) if number < 0.6 else _third(surface)
         return _mix(surface, 0.0, 1.0)
-    return _mix(surface, 0.15 * _flat_clouds(x, y, seed, pixel), 1.0)
+    return _mix(surface, 0.15 * _flat_clouds(x, y, seed, pixel, 2), 1.0)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def picture_colour(
-    picture: NDArray[np.float32], start: int, width: int, height: int, u: float, v: float
-) -> Any:
-    """Linear red, green, blue of an object's own picture, between its four nearest pixels.
+def table_colours(row: Floats, point: Floats, pixel: Floats, out: Floats) -> None:
+    """Linear colour of the table.
 
     Args:
-        picture: (pixels, 3) all pictures, one after the other, rows from above.
-        start: First pixel of this one.
-        width: Columns of this one.
-        height: Rows of this one.
-        u: Position, 0 at the left edge and 1 at the right; it repeats beyond.
-        v: Position, 0 at the lower edge and 1 at the upper.
+        row: Numbers of its surface.
+        point: (3, n) world points on it.
+        pixel: (n,) size of a pixel there, metres; finer detail is left out.
+        out: (3, n) out.
     """
-    x, y = u * width - 0.5, (1.0 - v) * height - 0.5
-    fx, fy = math.floor(x), math.floor(y)
-    i, j, a, b = int(fx), int(fy), x - fx, y - fy
-    left, right = i % width, (i + 1) % width
-    top, bottom = start + (j % height) * width, start + ((j + 1) % height) * width
-    p, q = picture[top + left], picture[top + right]
-    r, s = picture[bottom + left], picture[bottom + right]
-    wp, wq, wr, ws = (1.0 - a) * (1.0 - b), a * (1.0 - b), (1.0 - a) * b, a * b
-    return (
-        wp * p[0] + wq * q[0] + wr * r[0] + ws * s[0],
-        wp * p[1] + wq * q[1] + wr * r[1] + ws * s[1],
-        wp * p[2] + wq * q[2] + wr * r[2] + ws * s[2],
-    )
+    for i in range(len(pixel)):
+        out[0, i], out[1, i], out[2, i] = _table_colour(row, point[0, i], point[1, i], pixel[i])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def object_colours(
+    rows: Floats,
+    owner: NDArray[np.int16],
+    rotations: Floats,
+    translations: Floats,
+    point: Floats,
+    pixel: Floats,
+    out: Floats,
+) -> None:
+    """Linear colour of objects, of those that do not wear a picture of their own.
+
+    Args:
+        rows: (N + 1, LENGTH) numbers of surfaces.
+        owner: (n,) object of each point.
+        rotations: (N, 3, 3) of the objects' poses.
+        translations: (N, 3) of the same.
+        point: (3, n) world points.
+        pixel: (n,) size of a pixel there, metres; finer detail is left out.
+        out: (3, n) out.
+    """
+    for i in range(len(pixel)):
+        k = owner[i]
+        if int(rows[k, PATTERN]) == PICTURE:
+            continue
+        x, y = point[0, i] - translations[k, 0], point[1, i] - translations[k, 1]
+        z, r = point[2, i] - translations[k, 2], rotations[k]
+        out[0, i], out[1, i], out[2, i] = _solid_colour(
+            rows[k],
+            r[0, 0] * x + r[1, 0] * y + r[2, 0] * z,
+            r[0, 1] * x + r[1, 1] * y + r[2, 1] * z,
+            r[0, 2] * x + r[1, 2] * y + r[2, 2] * z,
+            pixel[i],
+        )
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def picture_colours(
+    rows: Floats,
+    owner: NDArray[np.int16],
+    pictures: NDArray[np.float32],
+    faces: NDArray[np.int32],
+    uv: Floats,
+    face: NDArray[np.int32],
+    share: Floats,
+    out: Floats,
+) -> None:
+    """Linear colour of objects that wear a picture of their own, between its four nearest pixels.
+
+    Args:
+        rows: (N + 1, LENGTH) numbers of surfaces.
+        owner: (n,) object of each point.
+        pictures: (pixels, 3) all pictures, one after the other, rows from above.
+        faces: (F, 3) vertex numbers.
+        uv: (V, 2) place of the vertices, (0, 0) the lower left corner; it repeats beyond (1, 1).
+        face: (n,) triangle of each point.
+        share: (3, n) shares of its corners there.
+        out: (3, n) out.
+    """
+    for i in range(len(owner)):
+        k, f = owner[i], face[i]
+        if int(rows[k, PATTERN]) != PICTURE:
+            continue
+        start, width, height = int(rows[k, OFFSET]), int(rows[k, WIDTH]), int(rows[k, HEIGHT])
+        u = v = 0.0
+        for corner in range(3):
+            u += share[corner, i] * uv[faces[f, corner], 0]
+            v += share[corner, i] * uv[faces[f, corner], 1]
+        x, y = u * width - 0.5, (1.0 - v) * height - 0.5
+        fx, fy = math.floor(x), math.floor(y)
+        column, row, a, b = int(fx), int(fy), x - fx, y - fy
+        left, right = column % width, (column + 1) % width
+        top, bottom = start + (row % height) * width, start + ((row + 1) % height) * width
+        for channel in range(3):
+            above = (1.0 - a) * pictures[top + left, channel] + a * pictures[top + right, channel]
+            below = pictures[bottom + left, channel] * (1.0 - a)
+            below += pictures[bottom + right, channel] * a
+            out[channel, i] = (1.0 - b) * above + b * below

@@ -33,6 +33,7 @@ _View = Annotated[float, Field(ge=5, le=120)]
 _High = Annotated[float, Field(ge=20, le=90)]
 _Amount = Annotated[float, Field(ge=0, le=4)]
 _Stops = Annotated[float, Field(ge=-4, le=4)]
+_Step = Annotated[float, Field(ge=1, le=100)]
 _Pixels = Annotated[float, Field(ge=0, le=3)]
 
 Shares = Annotated[tuple[_Share, _Share], AfterValidator(_ordered)]
@@ -44,6 +45,7 @@ Highs = Annotated[tuple[_High, _High], AfterValidator(_ordered)]
 Amounts = Annotated[tuple[_Amount, _Amount], AfterValidator(_ordered)]
 Stops = Annotated[tuple[_Stops, _Stops], AfterValidator(_ordered)]
 Pixels = Annotated[tuple[_Pixels, _Pixels], AfterValidator(_ordered)]
+Steps = Annotated[tuple[_Step, _Step], AfterValidator(_ordered)]
 Reaches = Annotated[tuple[_Reach, _Reach], AfterValidator(_ordered)]
 
 
@@ -215,20 +217,36 @@ class NoiseSection(Section):
 
 
 class SensorSection(Section):
-    """The depth camera, a stereo pair; see `Sensor` for what each number does.
+    """The depth camera, a stereo pair; about Jacquard's. `Sensor` says what each number does.
 
     Attributes:
         baseline_m: Between the two cameras.
-        subpixel: Steps of disparity in a pixel, of a picture 1024 wide.
+        subpixel: Steps of disparity in a pixel (pixels: of a picture 1024 wide).
         locking: How strongly disparities are drawn to whole pixels.
-        noise_px: Standard deviation of the disparity, pixels of a picture 1024 wide.
-        correlation_px: Size of the noise's patches, pixels of a picture 1024 wide.
-        fattening_px: How far edges move outwards, pixels of a picture 1024 wide.
-        dropout: Share of pixels beside depth edges that become holes.
-        speckle: Share of pixels anywhere that become holes.
+        noise_px: Standard deviation of disparity that neighbours share.
+        correlation_px: Size of the patches that share it.
+        fine_px: Standard deviation of disparity of each pixel by itself.
+        waver_px: How far edges wander.
+        fattening_px: How far near things grow over what lies behind.
+        shadow: Share of what the second camera does not see that becomes holes.
+        dropout: Share of the pixels at a jump of disparity that become holes.
+        speckle: Share of all pixels that become holes.
     """
 
-    baseline_m: Lengths = (0.06, 0.1)
+    baseline_m: Annotated[
+        tuple[Annotated[float, Field(ge=0.005, le=1)], Annotated[float, Field(ge=0.005, le=1)]],
+        AfterValidator(_ordered),
+    ] = (0.07, 0.09)
+    subpixel: Steps = (16.0, 16.0)
+    locking: Shares = (0.3, 0.6)
+    noise_px: Pixels = (0.03, 0.08)
+    correlation_px: Steps = (4.0, 8.0)
+    fine_px: Pixels = (0.01, 0.03)
+    waver_px: Pixels = (1.0, 2.0)
+    fattening_px: Pixels = (0.5, 1.5)
+    shadow: Shares = (0.4, 0.9)
+    dropout: Shares = (0.15, 0.3)
+    speckle: Shares = (0.0005, 0.002)
 
 
 class Randomisation(Section):

@@ -100,7 +100,7 @@ def _visible(
     _raster_kernel.table_depth(eye.rotation, eye.origin[2], eye.focal, depth)
     triangle = np.full((bottom - top, right - left), -1, np.int32)
     fx, fy, cx, cy = eye.focal
-    drawn = np.ones(len(geometry.faces), np.bool_)
+    drawn = np.full(len(geometry.faces), 2, np.uint8)
     inside = depth[top:bottom, left:right]
     focal = (fx, fy, cx - left, cy - top)
     _raster_kernel.draw_triangles(geometry.seen, geometry.faces, drawn, focal, inside, triangle)

@@ -1,0 +1,170 @@
+"""Compiled depth camera: what a pair of cameras makes of exact depths.
+
+Letters in shapes: (H, W) picture, (H, C) the second camera's picture, which is wider.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from graspmap.simulation.render._film_kernel import bell
+from graspmap.simulation.render._texture_kernel import chance, flat_noise
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+
+_JUMP = 1.0  # of disparity between neighbours, from which on it is an edge
+_NEARER_M = 0.002  # what is in the way is at least so much nearer
+_BLOB_PX = 3.0  # size of holes
+_WAVER_PX = 8.0  # size of the waves of edges
+_EVEN = 2.2  # makes the variance of the patchy noise 1
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def mark_hidden(
+    depth: Singles, second: Floats, window: Any, shift: float, out: NDArray[np.bool_]
+) -> None:
+    """Which points the second camera does not see.
+
+    Args:
+        depth: (H, W) metres; NaN is not hidden.
+        second: (h, w) depths that the second camera sees in a window of its picture.
+        window: (top, bottom, left, right) of the window; columns count from the left edge of the
+            first camera's picture.
+        shift: Focal length times baseline, pixels times metres.
+        out: (H, W) out.
+    """
+    top, bottom, left, right = window
+    rows, columns = depth.shape
+    for row in range(rows):
+        for column in range(columns):
+            out[row, column] = False
+            z = depth[row, column]
+            if not (top <= row < bottom and z > 0.0):
+                continue
+            place = column - shift / z - left
+            if not (0.0 <= place < right - left - 1.0):
+                continue
+            beside = int(place)
+            limit = z - _NEARER_M
+            # A steep surface is nearer on one side of the point only.
+            a, b = second[row - top, beside], second[row - top, beside + 1]
+            out[row, column] = a < limit and b < limit
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def edge_distance(disparity: Floats, reach: int, out: Floats) -> None:
+    """(H, W) distance in pixels to the nearest jump of disparity, up to ``reach``; else infinity.
+
+    The jump lies half a pixel from the pixels on its two sides.
+    """
+    rows, columns = disparity.shape
+    out[:] = np.inf
+    for row in range(rows):
+        for column in range(columns):
+            here = disparity[row, column]
+            for k in range(2):
+                i, j = row + k, column + 1 - k
+                if i >= rows or j >= columns or not abs(here - disparity[i, j]) > _JUMP:
+                    continue
+                y, x = row + 0.5 * k, column + 0.5 * (1 - k)
+                for a in range(max(row - reach, 0), min(row + reach + 2, rows)):
+                    for b in range(max(column - reach, 0), min(column + reach + 2, columns)):
+                        away = (a - y) * (a - y) + (b - x) * (b - x)
+                        out[a, b] = min(out[a, b], away)
+    for row in range(rows):
+        for column in range(columns):
+            if out[row, column] < np.inf:
+                out[row, column] = math.sqrt(out[row, column])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _waved(x: float, y: float, seed: int) -> float:
+    """Smooth noise of mean 0 and, about, variance 1; bumps have size 1."""
+    first = flat_noise(x, y, seed)
+    return (first + flat_noise(x + 0.5, y + 0.5, seed + 11) - 1.0) * _EVEN
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _blob(x: float, y: float, seed: int) -> float:
+    """A number in [0, 1), the same all over a small ragged blob."""
+    x += 0.8 * flat_noise(1.7 * x, 1.7 * y, seed)
+    y += 0.8 * flat_noise(1.7 * x, 1.7 * y, seed + 5)
+    return chance(int(math.floor(x)), int(math.floor(y)), 3, seed)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _at_edge(
+    disparity: Floats, row: int, column: int, scale: float, waver: float, fat: float, seed: int
+) -> float:
+    """Disparity that a matching window near an edge takes for a pixel's own."""
+    rows, columns = disparity.shape
+    x, y = column / (scale * _WAVER_PX), row / (scale * _WAVER_PX)
+    dx, dy = waver * _waved(x, y, seed + 20), waver * _waved(x, y, seed + 40)
+    best = -np.inf
+    for k in range(5):
+        a = row + dy + fat * ((k == 1) - (k == 2))
+        b = column + dx + fat * ((k == 3) - (k == 4))
+        i = min(max(int(math.floor(a + 0.5)), 0), rows - 1)
+        j = min(max(int(math.floor(b + 0.5)), 0), columns - 1)
+        # The nearer surface wins, as it has the stronger texture.
+        if disparity[i, j] > best:
+            best = disparity[i, j]
+    return best if best > 0.0 else disparity[row, column]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def match(
+    disparity: Floats,
+    edge: Floats,
+    hidden: NDArray[np.bool_],
+    scale: float,
+    numbers: Floats,
+    seed: int,
+    out: Floats,
+) -> None:
+    """Disparities as the pair of cameras finds them.
+
+    Args:
+        disparity: (H, W) true, in pixels of a picture 1024 wide; NaN where there is none.
+        edge: (H, W) distance to the nearest edge, pixels.
+        hidden: (H, W) what the second camera does not see.
+        scale: Pixels of this picture in one of a picture 1024 wide.
+        numbers: Of the sensor: steps of a pixel, locking, noise, its correlation, fine noise,
+            waver, fattening, share of holes in the shadow, dropout, speckle.
+        seed: Of everything random.
+        out: (H, W) out; NaN in holes.
+    """
+    steps, locking, noise, patch, fine, waver, fat, shadow, dropout, speckle = numbers
+    rows, columns = disparity.shape
+    for row in range(rows):
+        for column in range(columns):
+            true = disparity[row, column]
+            out[row, column] = np.nan
+            if not true > 0.0:
+                continue
+            near = edge[row, column] < np.inf
+            loss = speckle
+            if near:
+                away = edge[row, column] / (1.6 * scale)
+                loss += dropout / (1.0 + away * away)
+            if hidden[row, column]:
+                loss = max(loss, shadow)
+            x, y = column / scale, row / scale
+            if loss > 0.0 and _blob(x / _BLOB_PX, y / _BLOB_PX, seed + 60) < loss:
+                continue
+            found = true
+            if near and (waver > 0.0 or fat > 0.0):
+                found = _at_edge(disparity, row, column, scale, waver * scale, fat * scale, seed)
+            if noise > 0.0:
+                found += noise * _waved(x / patch, y / patch, seed)
+            whole = math.floor(found + 0.5)
+            found = whole + (1.0 - locking) * (found - whole)
+            if fine > 0.0:
+                found += fine * bell(column, row, 7, seed)
+            out[row, column] = math.floor(found * steps + 0.5) / steps

@@ -1,0 +1,1 @@
+"""Studies: scripts behind the figures that the documentation quotes; `python -m studies` lists them."""
