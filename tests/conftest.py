@@ -28,3 +28,17 @@ def data_dir() -> Path:
     if not DATA.is_dir():
         pytest.skip(f"no real data at {DATA}; set GRASPMAP_TEST_DATA to run this test")
     return DATA
+
+
+@pytest.fixture(scope="session")
+def generated(tmp_path_factory) -> Path:
+    """Three generated scenes of boxes in Jacquard's layout; tests that change them copy them."""
+    from graspmap.generation.generate import generate
+    from graspmap.generation.plan import GenerationPlan
+    from graspmap.gripper import load_gripper
+
+    root = tmp_path_factory.mktemp("generated")
+    gripper = load_gripper("jacquard")
+    plan = GenerationPlan(3, gripper, views=1, size_px=128, candidates=40, family="box")
+    generate(plan, root, workers=0)
+    return root

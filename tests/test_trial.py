@@ -166,7 +166,7 @@ class TestClutter:
         rider = standing(block(0.02, 0.02, 0.02))
         above = PlacedObject(
             rider.model,
-            RigidTransform(np.eye(3), rider.T_world_object.translation + [0.05, 0, 0.05]),
+            RigidTransform(np.eye(3), rider.T_world_object.translation + np.array([0.05, 0, 0.05])),
         )
         scene = table(standing(block(0.12, 0.04, 0.05)), above)
         (result,) = run_trials(scene, grasps((-0.01, 0, UP, 0.06, 0.02)), GRIPPER)
@@ -277,7 +277,7 @@ class TestShake:
     def test_swings_along_each_direction_in_turn(self):
         shake = Shake(acceleration_m_s2=3.0, frequency_hz=2.0, cycles=1)
         times = np.linspace(0, 1.499, 600)
-        moved = np.array([shake.gravity(t) for t in times]) + [0, 0, 9.81]
+        moved = np.array([shake.gravity(t) for t in times]) + np.array([0, 0, 9.81])
         for axis in range(3):
             mine = (times >= axis / 2) & (times < (axis + 1) / 2)
             assert np.abs(moved[mine, axis]).max() == pytest.approx(3.0, rel=0.01)

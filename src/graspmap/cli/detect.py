@@ -89,6 +89,10 @@ def run(argv: Sequence[str]) -> int:
         )  # fmt: skip
     if flags.rgb is None and flags.depth is None:
         raise InvalidInputError("the picture", "not given", "--rgb, --depth, or both")
+    if flags.gripper is not None and (flags.camera is None or flags.depth is None):
+        raise InvalidInputError(
+            "--gripper", flags.gripper, "only with --camera and --depth: a gripper needs metres"
+        )
     read = (flags.weights, flags.rgb, flags.depth, flags.mask, flags.camera)
     output_file(flags.overlay, "--overlay", PICTURE_SUFFIXES, keep=read)
     output_file(flags.json, "--json", keep=read)
@@ -197,7 +201,8 @@ def _report(flags: Detect, found: Detection) -> None:
 
     tell = teller(flags.json)
     if not len(found.grasps):
-        tell("no grasp found; try a lower --threshold, or a --region round the objects")
+        fitting = "" if flags.gripper is None else f" that {flags.gripper} opens wide enough for"
+        tell(f"no grasp found{fitting}; try a lower --threshold, or a --region round the objects")
     for i, grasp in enumerate(found.grasps):
         x, y = grasp.center[0]
         metres = ""

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _REPEATS = 10
+_RANKS = 10
 _WORST = 5
 """Objects that are named as the hardest."""
 
@@ -306,7 +307,9 @@ def _ranks(summary: dict[str, Any]) -> str:
     ranks = summary.get("per_rank", {})
     if len(ranks) < 2:
         return ""
-    shares = ", ".join(f"{int(rank) + 1}: {s['success']:.1%}" for rank, s in ranks.items())
+    shown = list(ranks.values())[:_RANKS]
+    shares = ", ".join(f"{rank}: {s['success']:.1%}" for rank, s in enumerate(shown, start=1))
+    shares += ", ..." if len(ranks) > _RANKS else ""
     reached = summary["one_of_first"][str(len(ranks))]["success"]
     return f"  by rank {shares}; one of the first {len(ranks)} holds in {reached:.1%} of the scenes"
 

@@ -65,13 +65,13 @@ def pick_objects(
     if plan.clutter == 1:
         ((mesh, id),) = _taken(meshes, plan.seed, turn, 1)
         source = _mesh_source(mesh)
-        return Pick(id, (source.model(id, root / id),), (source,))
+        return Pick(id, (source.model(id, root),), (source,))
     divided = divide_meshes(meshes, plan.seed)
     part = item_part(item) if divided["test"] else "train"
     name = f"clutter-{item:06d}"
     taken = _taken(divided[part], plan.seed, turn, plan.clutter)
     sources = tuple(_mesh_source(mesh) for mesh, _ in taken)
-    models = (s.model(id, root / name) for s, (_, id) in zip(sources, taken, strict=True))
+    models = (s.model(id, root) for s, (_, id) in zip(sources, taken, strict=True))
     return Pick(name, tuple(models), sources, part)
 
 
@@ -106,7 +106,7 @@ def _made_up(plan: GenerationPlan, item: int, first: int) -> Pick:
 
 
 def _mesh_source(mesh: MeshEntry) -> MeshSource:
-    return MeshSource(file=mesh.file, hash=mesh.hash, model_file=f"../{MODELS}/{mesh.id}.npz")
+    return MeshSource(file=mesh.file, hash=mesh.hash, model_file=f"{MODELS}/{mesh.id}.npz")
 
 
 def _taken(

@@ -53,17 +53,17 @@ class RecordedObject:
     fingerprint: Fingerprint
     T_world_object: RigidTransform
 
-    def model(self, folder: Path) -> ObjectModel:
+    def model(self, root: Path) -> ObjectModel:
         """Make the object again.
 
         Args:
-            folder: The folder of its record; model files are named from there.
+            root: Folder of the data set; model files are named from there.
 
         Raises:
             FileError: Its model file is missing or damaged.
             InvalidInputError: What is made now is another object: graspmap has changed since.
         """
-        model = self.source.model(self.id, folder)
+        model = self.source.model(self.id, root)
         self.fingerprint.check(model)
         return model
 
@@ -81,7 +81,7 @@ class SceneRecord:
         seed: Numbers that the scene was drawn from: (seed, item, attempt, view, try).
         appearance: Light, colours and surfaces of the colour picture.
         versions: Of graspmap and of the libraries that the result follows from.
-        folder: Where the record lies; None before it is written.
+        root: Folder of the data set; None before it is written.
     """
 
     id: str
@@ -92,7 +92,7 @@ class SceneRecord:
     seed: tuple[int, ...]
     appearance: Appearance
     versions: Mapping[str, str]
-    folder: Path | None = None
+    root: Path | None = None
 
     def tabletop(self) -> Tabletop:
         """The objects on the table as they were when the labels were tried.
@@ -101,9 +101,9 @@ class SceneRecord:
             FileError: A model file is missing or damaged.
             InvalidInputError: This version of graspmap makes other objects.
         """
-        folder = Path() if self.folder is None else self.folder
+        root = Path() if self.root is None else self.root
         return Tabletop.of(
-            tuple(PlacedObject(item.model(folder), item.T_world_object) for item in self.objects)
+            tuple(PlacedObject(item.model(root), item.T_world_object) for item in self.objects)
         )
 
 
@@ -170,7 +170,7 @@ def read_record(path: Path) -> SceneRecord:
             seed=file.seed,
             appearance=TypeAdapter(Appearance).validate_json(json.dumps(file.appearance)),
             versions=file.versions,
-            folder=path.parent,
+            root=path.parent.parent,
         )
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False)[0]

@@ -36,8 +36,8 @@ class ProceduralSource(_Strict):
     family: str | None
     ranges: ObjectRanges
 
-    def model(self, id: str, folder: Path) -> ObjectModel:  # noqa: ARG002  # as the other sources
-        """Make the object; ``folder`` is not looked at."""
+    def model(self, id: str, root: Path) -> ObjectModel:  # noqa: ARG002  # as the other sources
+        """Make the object; ``root`` is not looked at."""
         return make_object(self.seed, self.index, ranges=self.ranges, family=self.family)
 
 
@@ -47,7 +47,7 @@ class MeshSource(_Strict):
     Attributes:
         file: Its path below the folder of the meshes.
         hash: BLAKE2b of its content.
-        model_file: The model file that was made from it, seen from the record of a scene.
+        model_file: The model file that was made from it, below the folder of the data set.
     """
 
     kind: Literal["mesh"] = "mesh"
@@ -55,13 +55,17 @@ class MeshSource(_Strict):
     hash: str
     model_file: str
 
-    def model(self, id: str, folder: Path) -> ObjectModel:
+    def model(self, id: str, root: Path) -> ObjectModel:
         """Read the model file.
+
+        Args:
+            id: Name of the object.
+            root: Folder of the data set.
 
         Raises:
             FileError: It is missing or damaged.
         """
-        return read_model(folder / self.model_file, id)
+        return read_model(root / self.model_file, id)
 
 
 Source = Annotated[ProceduralSource | MeshSource, Field(discriminator="kind")]

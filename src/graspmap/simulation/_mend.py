@@ -25,14 +25,14 @@ Floats = NDArray[np.float64]
 Faces = NDArray[np.int32]
 
 MOST_FACES = 100_000
-_COARSEST = 0.01  # what simplifying may move the surface by
+_FINEST, _COARSEST = 0.0005, 0.01  # what simplifying may move the surface by
 _FLAT = 1e-4  # thickness below which a mesh is a sheet of paper
 _CELLS = 128
 _MARGIN = 6  # free cells round the mesh
 _SEALS = (0.0, 1.0, 2.0, 3.0)  # cells by which the surface is thickened to close gaps
 _CLOSED_SHARE = 0.1  # of the cells of the surface: what it must enclose to count as closed
 _SMALL_HOLE = 0.2  # longest side of a hole that is simply filled
-_MOST_SAMPLES = 50_000_000
+_MOST_SAMPLES = 6_000_000  # a mesh with more, in half cells, is no surface of anything
 _SPECK = 1e-3  # of the whole volume: smaller bodies beside it are dirt
 _WALL = 1.2  # half the thickness of what an open surface becomes, cells
 _SIMPLIFY_S = 120.0
@@ -69,7 +69,7 @@ def mend(vertices: Floats, faces: Faces) -> Mended:
     Raises:
         CannotMendError: The triangles are flat, or hold nothing.
     """
-    faces = _distinct(vertices, faces)
+    faces = _real(vertices, faces)
     if not len(faces):
         raise CannotMendError("all its triangles are without area")
     _check_thickness(vertices[np.unique(faces)])
@@ -85,6 +85,8 @@ def mend(vertices: Floats, faces: Faces) -> Mended:
         )
     turned = _turned(vertices, faces)
     if turned is None:
+        turned = _turned(vertices, _distinct(vertices, faces))
+    if turned is None:
         kept = None
         vertices, turned, remark = _closed(vertices, faces)
         remarks.append(remark)
@@ -98,6 +100,7 @@ def mend(vertices: Floats, faces: Faces) -> Mended:
 
 def _closed(vertices: Floats, faces: Faces) -> tuple[Floats, Faces, str]:
     """A closed surface in place of an open one, and what was done."""
+    faces = _distinct(vertices, faces)
     holes = open_edges(vertices, faces)
     what = f"{holes} open or wrongly turned edges" if holes else "overlapping surfaces"
     filled = _filled(vertices, faces)
@@ -117,14 +120,29 @@ def _without_specks(vertices: Floats, faces: Faces) -> Faces:
     return np.asarray(faces[(share > _SPECK * share.sum())[label]])
 
 
+def _real(vertices: Floats, faces: Faces) -> Faces:
+    """The faces whose corners are three different places."""
+    corners = places(vertices)[faces]
+    return np.asarray(faces[(corners != np.roll(corners, 1, axis=1)).all(axis=1)])
+
+
 def _distinct(vertices: Floats, faces: Faces) -> Faces:
-    """The faces with three different places, each once."""
-    corners = np.sort(places(vertices)[faces], axis=1)
-    real = (corners[:, 0] != corners[:, 1]) & (corners[:, 1] != corners[:, 2])
-    faces, corners = faces[real], corners[real]
-    # Of a triangle and its mirror image, which enclose nothing, one stays.
-    _, first = np.unique(places(corners), return_index=True)
-    return np.asarray(faces[np.sort(first)])
+    """Of faces with the same corners one; none of a pair that look opposite ways.
+
+    Such pairs enclose nothing. Where all faces are such pairs, it is a sheet drawn from both sides,
+    of which one is left.
+    """
+    corners = places(vertices)[faces]
+    low = corners.argmin(axis=1)
+    first, second, third = (
+        np.take_along_axis(corners, (low + i)[:, None] % 3, axis=1)[:, 0] for i in range(3)
+    )
+    sense = np.where(second < third, 1, -1)
+    key = places(np.column_stack([first, np.minimum(second, third), np.maximum(second, third)]))
+    net = np.bincount(key, sense)
+    one = np.unique(key, return_index=True)[1]
+    single = one[net != 0]
+    return np.asarray(faces[np.sort(single if len(single) else one)])
 
 
 def _welded(vertices: Floats, faces: Faces) -> tuple[Floats, Faces]:
@@ -147,12 +165,9 @@ def _check_thickness(points: Floats) -> None:
 def _simplified(vertices: Floats, faces: Faces) -> tuple[Floats, Faces, float]:
     """Fewer triangles, and how far the surface may have moved."""
     body = _manifold(vertices, faces)
-    tolerance = 0.0005
-    while body is not None and tolerance <= _COARSEST:
-        fewer = body.simplify(tolerance)
-        if fewer.num_tri() <= MOST_FACES:
-            return (*arrays(fewer), tolerance)
-        tolerance *= 2
+    if body is not None:
+        fewer, moved = _lighter(body, _FINEST)
+        return (*arrays(fewer), moved)
     try:
         found = _child.call(
             "simplify",
@@ -164,7 +179,16 @@ def _simplified(vertices: Floats, faces: Faces) -> tuple[Floats, Faces, float]:
             f"its {len(faces)} triangles could not be simplified: {error}"
         ) from error
     vertices, faces = found["vertices"], found["faces"]
-    return vertices, _distinct(vertices, faces), 1 / np.sqrt(len(faces))
+    return vertices, _real(vertices, faces), 1 / np.sqrt(len(faces))
+
+
+def _lighter(body: Manifold, tolerance: float) -> tuple[Manifold, float]:
+    """With fewer triangles, and how far its surface may have moved."""
+    fewer = body.simplify(tolerance)
+    while fewer.num_tri() > MOST_FACES and tolerance < _COARSEST:
+        tolerance *= 2
+        fewer = body.simplify(tolerance)
+    return fewer, tolerance
 
 
 def _manifold(vertices: Floats, faces: Faces) -> Manifold | None:
@@ -256,7 +280,7 @@ def _redrawn(vertices: Floats, faces: Faces) -> tuple[Floats, Faces]:
     parts = body.decompose()
     largest = max(part.volume() for part in parts)
     kept = [part for part in parts if part.volume() > 0.01 * largest]
-    return arrays(Manifold.compose(kept).simplify(0.1 * cell))
+    return arrays(_lighter(Manifold.compose(kept), 0.2 * cell)[0])
 
 
 def _marked(vertices: Floats, faces: Faces) -> NDArray[np.bool_]:

@@ -70,7 +70,7 @@ def _is_level(pixel_heights: Floats, u: int, v: int, du: int, dv: int, view: Any
     here, beside = pixel_heights[v, u], pixel_heights[v + dv, u + du]
     x0, y0 = _corner(float(u), float(v), here, view)
     x1, y1 = _corner(float(u + du), float(v + dv), beside, view)
-    return abs(beside - here) <= view[4] * math.hypot(x1 - x0, y1 - y0)
+    return bool(abs(beside - here) <= view[4] * math.hypot(x1 - x0, y1 - y0))
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
@@ -83,7 +83,7 @@ def _goes_on(pixel_heights: Floats, u: int, v: int, du: int, dv: int, view: Any)
     # Now (u, v) is the lower, and (du, dv) leads away from the higher.
     across = _is_level(pixel_heights, u, v, dv, du, view)
     across = across or _is_level(pixel_heights, u, v, -dv, -du, view)
-    return across and _is_level(pixel_heights, u, v, du, dv, view)
+    return bool(across and _is_level(pixel_heights, u, v, du, dv, view))
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]

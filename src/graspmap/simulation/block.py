@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspmap.geometry.transforms import RigidTransform
-from graspmap.simulation.columns import convex_columns
+from graspmap.simulation.columns import ColumnTolerance, convex_columns
 from graspmap.simulation.objects import ObjectModel
 from graspmap.simulation.tabletop import PlacedObject
 
@@ -26,6 +26,7 @@ def block_from_heights(
     *,
     density_kg_m3: float,
     mass_range_kg: tuple[float, float],
+    tolerance: ColumnTolerance | None = None,
 ) -> PlacedObject:
     """The block under a height map, standing on the table.
 
@@ -36,11 +37,12 @@ def block_from_heights(
         resolution_m: Side of a cell.
         density_kg_m3: Of the block, where its mass stays within the range.
         mass_range_kg: Least and greatest mass.
+        tolerance: How closely its convex pieces follow the map.
     """
     volume, center, moments = column_moments(heights_m, resolution_m)
     mass = float(np.clip(volume * density_kg_m3, *mass_range_kg))
     vertices, faces = height_mesh(heights_m, resolution_m)
-    pieces = convex_columns(heights_m, resolution_m)
+    pieces = convex_columns(heights_m, resolution_m, tolerance)
     model = ObjectModel(
         id=id,
         vertices=vertices - center,
@@ -49,7 +51,7 @@ def block_from_heights(
         mass_kg=mass,
         inertia=moments * (mass / volume),
     )
-    place = center + (origin_m[0], origin_m[1], 0.0)
+    place = np.array([center[0] + origin_m[0], center[1] + origin_m[1], center[2]])
     return PlacedObject(model, RigidTransform(np.eye(3), place))
 
 

@@ -44,7 +44,7 @@ _PLACES = np.linspace(0.0, 1.0, 13)[1:-1]
 _FINER_ANGLES = np.radians([-7.5, -3.75, 0.0, 3.75, 7.5])
 _FINER_PLACES = np.linspace(-1.0, 1.0, 7) / 16
 _MOST_ROWS = 150
-_LEVELS = np.array([0.0, 0.3, 0.55, 0.8, 1.0])  # of the greatest height
+_LEVELS = np.array([0.0, 0.2, 0.5, 0.8, 0.95, 1.0])  # of the greatest height
 # The hull of whole cells would stand out from the true outline at each step of its edge, and the
 # hull of their middles would be too small along the rows: something between them.
 _DIAMOND = ((0.25, 0.0), (-0.25, 0.0), (0.0, 0.25), (0.0, -0.25))

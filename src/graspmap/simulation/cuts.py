@@ -37,7 +37,8 @@ _COMPACT = 0.15  # see `_size`
 _RIM = 0.02  # of the extent of a part: cuts nearer to its end are not tried
 _GRID = 2.0**-26  # of coordinates: differences are then exact
 _CRUMB = 1e-6  # parts with a smaller volume, of the cube of the longest side, are left out
-_SIMPLER = 0.1  # of the tolerance: what the surface may move before it is cut
+_SIMPLER, _SIMPLEST = 0.1, 0.4  # of the tolerance: what the surface may move before it is cut
+_MOST_FACES = 20_000  # above this it may move more
 _SPACING = 0.75  # of the tolerance: distance of the samples on surfaces
 _BIASED = 0.45  # of the spacing: what samples add to a distance of 0
 
@@ -77,6 +78,8 @@ def cut_pieces(vertices: Floats, faces: Faces, tolerance: float, most: int) -> l
     shells = manifold(vertices, faces).decompose()
     body = Manifold.batch_boolean([s for s in shells if s.volume() > 0], OpType.Add)
     body = body.simplify(_SIMPLER * tolerance)
+    if body.num_tri() > _MOST_FACES:
+        body = body.simplify(_SIMPLEST * tolerance)
     waiting = [_part(part, tolerance) for part in _parts(body)]
     done: list[_Part] = []
     while waiting:

@@ -39,6 +39,10 @@ DENSITY_KG_M3 = 500.0
 MASS_KG = (0.01, 1.0)
 """A mass that follows from the density is kept in this range."""
 
+TOLERANCE_M = 0.002
+"""How far the hulls of the pieces may stand off the surface: fingers feel more than that."""
+
+_TOLERANCES = (0.005, 0.05)  # of the longest side: finer takes minutes, coarser is another object
 _FLATTEST_SIDE = 0.8  # of the opening: EGAD's bound for the shortest side
 
 
@@ -59,7 +63,7 @@ def load_object(
     mass_kg: float | None = None,
     density_kg_m3: float = DENSITY_KG_M3,
     mass_range_kg: tuple[float, float] = MASS_KG,
-    threshold: float = 0.02,
+    tolerance_m: float = TOLERANCE_M,
     method: Method = "cuts",
     cache: Path | str | None = None,
 ) -> ObjectModel:
@@ -79,7 +83,8 @@ def load_object(
         mass_kg: Its mass; by default volume times density, kept in ``mass_range_kg``.
         density_kg_m3: Density, where the mass is not given.
         mass_range_kg: Least and greatest mass, where it is not given.
-        threshold: See `convex_pieces`.
+        tolerance_m: How far the hulls of its convex pieces may stand off its surface; at least 0.5 %
+            and at most 5 % of its length.
         method: See `convex_pieces`.
         cache: See `convex_pieces`.
 
@@ -106,7 +111,11 @@ def load_object(
     scale = egad_scale(mended.vertices, fit_to.max_opening_m) if fit_to else unit_m * longest
     texture = _texture(path, raw, mended)
     pieces = convex_pieces(
-        mended.vertices, mended.faces, threshold=threshold, method=method, cache=cache
+        mended.vertices,
+        mended.faces,
+        threshold=_threshold(tolerance_m, scale),
+        method=method,
+        cache=cache,
     )
     if mass_kg is None:
         volume = mass_properties(mended.vertices, mended.faces).volume_m3 * scale**3
@@ -119,6 +128,14 @@ def load_object(
         mass_kg=mass_kg,
         texture=texture,
     )
+
+
+def _threshold(tolerance_m: float, longest_m: float) -> float:
+    if not 0 < tolerance_m < np.inf:
+        raise InvalidInputError("tolerance_m", tolerance_m, "metres, above 0")
+    # Few digits, so that nearly the same scales find the same pieces in the cache.
+    least, most = _TOLERANCES
+    return float(f"{min(max(tolerance_m / longest_m, least), most):.2g}")
 
 
 def egad_scale(vertices: ArrayLike, opening_m: float) -> float:

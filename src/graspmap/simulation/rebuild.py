@@ -21,6 +21,7 @@ from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.geometry.camera import Camera
 from graspmap.geometry.transforms import RigidTransform
 from graspmap.simulation.block import block_from_heights
+from graspmap.simulation.columns import ColumnTolerance
 from graspmap.simulation.heightmap import MOST_CELLS, RESOLUTION_M, HeightMap
 from graspmap.simulation.table_plane import fit_table_plane
 from graspmap.simulation.tabletop import Tabletop
@@ -69,6 +70,7 @@ def rebuild_tabletop(
     resolution_m: float = RESOLUTION_M,
     density_kg_m3: float = 300.0,
     mass_range_kg: tuple[float, float] = (0.02, 0.1),
+    tolerance: ColumnTolerance | None = None,
     name: str = "rebuilt",
 ) -> Rebuilt:
     """The objects that a depth picture shows, as blocks on the table that it shows.
@@ -84,6 +86,7 @@ def rebuild_tabletop(
         resolution_m: Side of a cell of the height map.
         density_kg_m3: Of an object, as far as its mass stays within the range.
         mass_range_kg: Least and greatest mass of an object.
+        tolerance: How closely the convex pieces follow the height map.
         name: Id of the object; with several, each gets a number behind it.
 
     Returns:
@@ -117,6 +120,7 @@ def rebuild_tabletop(
                 resolution_m,
                 density_kg_m3=density_kg_m3,
                 mass_range_kg=mass_range_kg,
+                tolerance=tolerance,
             )
         )
     return Rebuilt(

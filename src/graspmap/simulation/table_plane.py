@@ -151,8 +151,7 @@ def _best_plane(points: Floats) -> Floats:
     cost = np.minimum((heights / _NEAR_M) ** 2, 1.0).mean(axis=0)
     # A plane that faces away from the camera, or passes through it, is no table.
     cost[planes[:, 2] <= 0] = np.inf
-    best = planes[int(np.argmin(cost))]
-    return np.asarray(best)
+    return np.asarray(planes[int(np.argmin(cost))], dtype=np.float64)
 
 
 def _refined(points: Floats, plane: Floats) -> tuple[Floats, float, float]:
@@ -166,7 +165,7 @@ def _refined(points: Floats, plane: Floats) -> tuple[Floats, float, float]:
             return plane, near, 0.0
         # A residual of the inverse depth times z^2 is one of the depth.
         scaled = (weight * z * z)[:, None] * rays
-        plane = np.linalg.solve(scaled.T @ (rays * (z * z)[:, None]), scaled.T @ z)
+        plane = np.asarray(np.linalg.solve(scaled.T @ (rays * (z * z)[:, None]), scaled.T @ z))
         on_it = np.abs(heights[weight > 0])
         near = max(1.4826 * float(np.median(on_it)), _LEAST_DEVIATION_M)
     heights = _heights(points, plane)

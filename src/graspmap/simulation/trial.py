@@ -34,6 +34,8 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 
+_ROUNDING_M = 0.0005  # openings that differ by less are the same in words
+
 
 @dataclass(frozen=True)
 class Perturbation:
@@ -230,7 +232,7 @@ class TrialRunner:
     def _clamped(self, width_m: float) -> str:
         """What to add to the reason where the gripper has not the opening that was asked for."""
         opening = self._opening(width_m)
-        if opening == width_m:
+        if abs(opening - width_m) < _ROUNDING_M:
             return ""
         end = "most" if opening < width_m else "least"
         return (

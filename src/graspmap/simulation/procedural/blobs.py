@@ -120,7 +120,7 @@ def _wild(draw: Draw) -> Solid:
 
 
 SHAPES: dict[str, Callable[[Draw], Solid]] = {
-    "blob": _plain,
+    "pebble": _plain,
     "lump": _lumpy,
     "knot": _wild,
 }

@@ -52,7 +52,8 @@ def _some_body(draw: Draw, size: float) -> Solid:
 
 def _joined(draw: Draw) -> Solid:
     """Two to five bodies, each grown into one of those before."""
-    size = 0.5 * draw.longest()
+    length = draw.longest(0.6)
+    size = 0.6 * length
     parts = [_some_body(draw, size)]
     for _ in range(draw.integer(1, 4)):
         other = parts[draw.integer(0, len(parts) - 1)]
@@ -72,7 +73,9 @@ def _joined(draw: Draw) -> Solid:
         )
         at = middle + way * 0.8 * reach
         parts.append(body.moved(*at.tolist()))
-    return join(parts)
+    body = join(parts)
+    factor = length / float(body.extents.max())
+    return body.stretched(factor, factor, factor)
 
 
 def _tower(draw: Draw) -> Solid:
@@ -84,11 +87,13 @@ def _tower(draw: Draw) -> Solid:
     for share in shares:
         tall = high * share / sum(shares)
         wide = high * draw.uniform(0.15, 0.5)
+        sunk = 0.05 * tall if z else 0.0  # into the one below
         if draw.chance(0.5):
-            part = cylinder(wide / 2, tall)
+            part = cylinder(wide / 2, tall + sunk)
         else:
-            part = block(wide, wide * draw.uniform(0.5, 1), tall).moved(z=tall / 2)
-        parts.append(part.moved(z=z))
+            part = block(wide, wide * draw.uniform(0.5, 1), tall + sunk)
+            part = part.moved(z=(tall + sunk) / 2)
+        parts.append(part.moved(z=z - sunk))
         z += tall
     return join(parts)
 
@@ -171,8 +176,9 @@ def _stairs(draw: Draw) -> Solid:
     rise = length * draw.uniform(0.5, 0.9) / steps
     wide = length * draw.uniform(0.3, 0.7)
     run = length / steps
+    # Each step goes down to the floor, its back in the plane of all backs.
     return join(
-        block(length - i * run, wide, rise).moved(i * run / 2, 0, (i + 0.5) * rise)
+        block(length - i * run, wide, (i + 1) * rise).moved(i * run / 2, 0, (i + 1) * rise / 2)
         for i in range(steps)
     )
 
@@ -189,8 +195,8 @@ def _house(draw: Draw) -> Solid:
             *((i * length / 2, 0, ridge) for i in (-1, 1)),
         ]
     )
-    chimney = block(0.12 * length, 0.12 * length, ridge - wall)
-    spot = chimney.moved(0.25 * length, 0.2 * wide, wall + 0.6 * (ridge - wall))
+    chimney = block(0.12 * length, 0.12 * length, ridge)
+    spot = chimney.moved(0.25 * length, 0.2 * wide, 0.55 * ridge)
     return join([block(0.92 * length, wide, wall).moved(z=wall / 2), roof, spot])
 
 

@@ -13,6 +13,7 @@ from scipy.spatial import ConvexHull
 
 from graspmap.simulation.procedural.solid import (
     MOST_VERTICES,
+    TOLERANCE,
     TOLERANCE_M,
     Faces,
     Floats,
@@ -32,10 +33,15 @@ def convex(points: ArrayLike) -> Solid:
 def split(points: ArrayLike) -> list[Floats]:
     """Cut the hull of points (N, 3) until each part has at most `MOST_VERTICES` vertices.
 
-    Vertices are left out as long as the hull loses at most `TOLERANCE_M` by it.
+    Vertices are left out as long as the hull loses at most the tolerance by it.
     """
     vertices, faces = hull(points)
-    few = _thinned(vertices)
+    slimmest = float(np.ptp(vertices, axis=0).min())
+    return _split(vertices, faces, min(TOLERANCE_M, TOLERANCE * slimmest / 2))
+
+
+def _split(vertices: Floats, faces: Faces, tolerance: float) -> list[Floats]:
+    few = _thinned(vertices, tolerance)
     if few is not None:
         return [few]
     low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -45,11 +51,11 @@ def split(points: ArrayLike) -> list[Floats]:
     return [
         part
         for side in (vertices[:, axis] < middle, vertices[:, axis] > middle)
-        for part in split(np.concatenate([vertices[side], section]))
+        for part in _split(*hull(np.concatenate([vertices[side], section])), tolerance)
     ]
 
 
-def _thinned(vertices: Floats) -> Floats | None:
+def _thinned(vertices: Floats, tolerance: float) -> Floats | None:
     """Some of the vertices, with the same hull to the tolerance; None if that takes too many."""
     if len(vertices) <= MOST_VERTICES:
         return vertices
@@ -57,14 +63,14 @@ def _thinned(vertices: Floats) -> Floats | None:
     while True:
         outside = heights(vertices, planes(vertices[chosen]))
         worst = outside.max(axis=0)
-        if worst.max() <= TOLERANCE_M:
+        if worst.max() <= tolerance:
             return np.asarray(vertices[chosen])
         room = MOST_VERTICES - len(chosen)
         if room == 0:
             return None
         # The farthest vertex above each face, the worst faces first.
         order = np.argsort(-worst, kind="stable")
-        order = order[worst[order] > TOLERANCE_M]
+        order = order[worst[order] > tolerance]
         _, first = np.unique(outside[:, order].argmax(axis=0), return_index=True)
         chosen = np.union1d(chosen, outside[:, order[np.sort(first)[:room]]].argmax(axis=0))
 

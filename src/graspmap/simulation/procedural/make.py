@@ -6,8 +6,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
-from graspmap.errors import InvalidInputError, UnknownNameError
+from graspmap.errors import GraspmapError, InvalidInputError, UnknownNameError
 from graspmap.simulation.objects import ObjectModel
 from graspmap.simulation.procedural import (
     blobs,
@@ -26,6 +28,8 @@ from graspmap.simulation.procedural.solid import Solid, volume
 from graspmap.simulation.solids import object_from_solid
 
 Builder = Callable[[Draw], Solid]
+
+_ATTEMPTS = 50
 
 
 @dataclass(frozen=True)
@@ -79,7 +83,7 @@ def make_object(
             raise InvalidInputError(name, repr(value), "a whole number, >= 0")
     draw = Draw(np.random.default_rng((seed, index)), ranges or ObjectRanges())
     shape, build = _choose(draw, family)
-    solid = _within(build(draw), draw)
+    solid = _built(build, draw)
     return object_from_solid(
         f"{shape}-{index:06d}",
         solid.vertices,
@@ -101,6 +105,30 @@ def _choose(draw: Draw, family: str | None) -> tuple[str, Builder]:
     if family not in shapes:
         raise UnknownNameError("family", str(family), [*FAMILIES, *shapes])
     return family, shapes[family]
+
+
+def _built(build: Builder, draw: Draw) -> Solid:
+    """The first sound solid out of the stream; nearly always the first at all."""
+    for _ in range(_ATTEMPTS):
+        solid = _within(build(draw), draw)
+        if _sound(solid):
+            return solid
+    raise GraspmapError(
+        f"no sound object in {_ATTEMPTS} attempts with {draw.ranges}; choose wider ranges"
+    )
+
+
+def _sound(solid: Solid) -> bool:
+    """Closed, in one part, and with a volume."""
+    edges = np.concatenate([solid.faces[:, [i, (i + 1) % 3]] for i in range(3)])
+    count = len(solid.vertices)
+    there = np.sort(edges[:, 0] * np.int64(count) + edges[:, 1])
+    back = np.sort(edges[:, 1] * np.int64(count) + edges[:, 0])
+    once = bool((there[1:] != there[:-1]).all())
+    links = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(count, count))
+    parts = connected_components(links, directed=False, return_labels=False)
+    closed = once and bool((there == back).all())
+    return closed and parts == 1 and volume(solid.vertices, solid.faces) > 0
 
 
 def _within(solid: Solid, draw: Draw) -> Solid:

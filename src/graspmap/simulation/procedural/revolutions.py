@@ -11,7 +11,7 @@ from graspmap.simulation.procedural.solid import Solid
 
 Points = list[tuple[float, float]]
 
-_LEAST_FLOOR_M = 0.003  # radius of the flat bottom of a cavity
+_LEAST_CAVITY = 0.3  # radius of a cavity over the radius outside
 
 
 def hollow(outer: Profile, wall: float, floor: float) -> Solid:
@@ -32,12 +32,12 @@ def inside(outer: Profile, wall: float, floor: float) -> Points:
         (r0, z0), (r1, z1) = outer[max(i - 1, 0)], outer[min(i + 1, len(outer) - 1)]
         # Across a slanting wall the horizontal way through it is longer.
         slant = math.hypot(r1 - r0, z1 - z0) / max(z1 - z0, 1e-9)
-        line.append((max(r - wall * min(slant, 4), _LEAST_FLOOR_M), z))
+        line.append((max(r - wall * min(slant, 4), _LEAST_CAVITY * r), z))
     above = [p for p in line if p[1] > floor + 0.001]
     start = next(i for i, p in enumerate(line) if p[1] > floor + 0.001)
     (r0, z0), (r1, z1) = line[max(start - 1, 0)], line[start]
     share = (floor - z0) / (z1 - z0) if z1 > z0 else 0.0
-    bottom = max(r0 + (r1 - r0) * min(max(share, 0), 1), _LEAST_FLOOR_M)
+    bottom = r0 + (r1 - r0) * min(max(share, 0), 1)
     return [(bottom, floor), *above]
 
 
@@ -119,12 +119,13 @@ def _vase(draw: Draw) -> Solid:
     height = draw.longest(0.5)
     waves = [draw.uniform(-1, 1), draw.uniform(-0.6, 0.6)]
     middle = height * draw.uniform(0.16, 0.26)
+    slimmest = 2.5 * draw.ranges.wall_m[0]
     line = []
     for i in range(13):
         share = i / 12
         bulge = waves[0] * math.sin(math.pi * (1.6 * share + 0.1))
         bulge += waves[1] * math.sin(2 * math.pi * share)
-        line.append((middle * (1 + 0.45 * bulge), height * share))
+        line.append((max(middle * (1 + 0.45 * bulge), slimmest), height * share))
     least = min(r for r, _ in line)
     wall = draw.wall(0.4 * least)
     return hollow(line, wall, max(1.2 * wall, 0.02 * height))

@@ -17,6 +17,7 @@ from graspmap.simulation.procedural.convex import split
 from graspmap.simulation.procedural.polygon_pieces import convex_polygons
 from graspmap.simulation.procedural.solid import (
     MOST_VERTICES,
+    TOLERANCE,
     TOLERANCE_M,
     Floats,
     Solid,
@@ -140,7 +141,8 @@ def _convex_at(run: Floats) -> bool:
 
 
 def _round_pieces(run: Floats) -> list[Floats]:
-    count = sides(float(run[:, 0].max()), TOLERANCE_M)
+    radius = float(run[:, 0].max())
+    count = sides(radius, min(TOLERANCE_M, TOLERANCE * radius))
     turns = [2 * math.pi * i / count for i in range(count)]
     rings = [
         [(r * math.cos(t), r * math.sin(t), z) for t in turns] if r > 0 else [(0.0, 0.0, z)]
@@ -163,7 +165,8 @@ class _Sector:
         inward = after[:, 1] < polygon[:, 1]
         radii = np.where(inward, np.maximum(polygon[:, 0], after[:, 0]), 0)
         count = sides(float(radii.max()), _BULGE_M)
-        return cls(count, math.ceil(sides(float(polygon[:, 0].max()), TOLERANCE_M) / count))
+        radius = float(polygon[:, 0].max())
+        return cls(count, math.ceil(sides(radius, min(TOLERANCE_M, TOLERANCE * radius)) / count))
 
 
 def _wall_pieces(loop: Floats) -> list[Floats]:

@@ -170,7 +170,7 @@ def _dome_shell(draw: Draw) -> Solid:
     height = draw.longest(0.7) * 0.8
     radius = height * draw.uniform(0.5, 0.62)
     wall = draw.wall(0.12 * radius)
-    line = arc((0, radius), (0.7 * radius, radius), -80, -10, 5)
+    line = arc((0, radius), (0.7 * radius, radius), -65, -10, 5)
     line = [(r, z - line[0][1]) for r, z in line]
     line += [(0.75 * radius, 0.8 * height), (radius, height)]
     shell = hollow(line, wall, 1.3 * wall).turned("x", math.pi)

@@ -74,7 +74,7 @@ def _tapered(draw: Draw) -> Solid:
 
 
 SHAPES: dict[str, Callable[[Draw], Solid]] = {
-    "superquadric": _any,
+    "superellipsoid": _any,
     "soap": _soap,
     "pillow": _pillow,
     "tapered": _tapered,

@@ -20,6 +20,8 @@ from graspmap.simulation.procedural.solid import (
     snap,
 )
 
+_THIN = 0.15  # of its thickness, the most that a thin sweep's hulls may stand off it
+
 
 def sweep(
     path: ArrayLike,
@@ -52,7 +54,9 @@ def sweep(
         + sizes[:, None, None] * (shape[None, :, :1] * across[:, None] + shape[None, :, 1:] * up)
     )
     faces = _faces(len(points), len(shape), closed=closed)
-    return Solid(rings.reshape(-1, 3), faces, tuple(_pieces(rings, closed=closed)))
+    off = min(TOLERANCE_M, _THIN * float(np.ptp(shape, axis=0).min() * sizes.min()))
+    pieces = _pieces(rings, off, closed=closed)
+    return Solid(rings.reshape(-1, 3), faces, tuple(pieces))
 
 
 def oval(a: float, b: float, count: int = 12) -> Floats:
@@ -106,7 +110,7 @@ def _faces(rings: int, corners: int, *, closed: bool) -> np.ndarray:
     return np.concatenate(faces).astype(np.int32)
 
 
-def _pieces(rings: Floats, *, closed: bool) -> list[Floats]:
+def _pieces(rings: Floats, tolerance: float, *, closed: bool) -> list[Floats]:
     """Hulls of runs of rings, as long as no ring sinks below the hull by the tolerance."""
     if closed:
         rings = np.concatenate([rings, rings[:1]])
@@ -115,7 +119,7 @@ def _pieces(rings: Floats, *, closed: bool) -> list[Floats]:
     while first < len(rings) - 1:
         last = first + 1
         while last + 1 < len(rings) and last + 2 - first <= most:
-            if _sunk(rings[first : last + 2]) > TOLERANCE_M:
+            if _sunk(rings[first : last + 2]) > tolerance:
                 break
             last += 1
         pieces.append(rings[first : last + 1].reshape(-1, 3))

@@ -5,11 +5,10 @@ Letters in shapes: (H, W) picture.
 
 from __future__ import annotations
 
-from typing import Any
-
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from graspmap.simulation.render._compiled import compiled
 
 Singles = NDArray[np.float32]
 
@@ -17,7 +16,7 @@ _STEP = 0.06  # of brightness, beyond which an edge is drawn smooth
 _TABLE_STEP = 0.12  # the same within the table's pattern
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _differ(colour: Singles, a: int, b: int, step: float) -> bool:
     """Whether two pixels are so different that the border between them would look jagged."""
     for k in range(3):
@@ -28,12 +27,19 @@ def _differ(colour: Singles, a: int, b: int, step: float) -> bool:
     return False
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def edges(instance: NDArray[np.int16], colour: Singles) -> Any:
-    """(n,) flat numbers of the pixels that differ from one of their four neighbours."""
-    rows, columns = instance.shape
-    marked = np.zeros(rows * columns, np.bool_)
-    owner, flat = instance.ravel(), colour.reshape(-1, 3)
+@compiled
+def mark_edges(
+    owner: NDArray[np.int16], flat: Singles, shape: tuple[int, int], marked: NDArray[np.bool_]
+) -> None:
+    """Pixels that differ from one of their four neighbours.
+
+    Args:
+        owner: (H W,) object numbers, -1 for the table.
+        flat: (H W, 3) linear colour.
+        shape: (H, W).
+        marked: (H W,) in and out: True is put where an edge is.
+    """
+    rows, columns = shape
     for row in range(rows):
         for column in range(columns):
             here = row * columns + column
@@ -44,4 +50,3 @@ def edges(instance: NDArray[np.int16], colour: Singles) -> Any:
                 step = _TABLE_STEP if owner[here] < 0 and owner[there] < 0 else _STEP
                 if owner[here] != owner[there] or _differ(flat, here, there, step):
                     marked[here] = marked[there] = True
-    return np.flatnonzero(marked)

@@ -8,16 +8,16 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from graspmap.simulation.render._texture_kernel import hashed
+from graspmap.simulation.render._compiled import compiled
+from graspmap.simulation.render._noise_kernel import hashed
 
 Singles = NDArray[np.float32]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def bell(x: int, y: int, z: int, seed: int) -> float:
     """A number from nearly a normal distribution (mean 0, variance 1), from four whole numbers.
 
@@ -30,14 +30,14 @@ def bell(x: int, y: int, z: int, seed: int) -> float:
     return (total - 3069.0) * 0.0013810686
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def linear(byte: float) -> float:
     """Linear light of an sRGB value from 0 to 1: a polynomial within 0.001 of the standard's."""
     out: float = byte * (byte * (byte * 0.305306011 + 0.682171111) + 0.012522878)
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def encoded(light: float) -> float:
     """The sRGB value from 0 to 1 of linear light: a polynomial of its root, within 0.013."""
     root = math.sqrt(light)
@@ -46,10 +46,10 @@ def encoded(light: float) -> float:
     return min(max(out, 0.0), 1.0)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def linear_pictures(pictures: NDArray[np.uint8], out: Singles) -> None:
     """(pixels, 3) sRGB bytes to linear light."""
-    table = np.empty(256, np.float32)
+    table = np.empty(256)
     for value in range(256):
         table[value] = linear(value / 255.0)
     for i in range(len(pictures)):
@@ -57,14 +57,14 @@ def linear_pictures(pictures: NDArray[np.uint8], out: Singles) -> None:
             out[i, k] = table[pictures[i, k]]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def blurred(light: Singles, side: float) -> Any:
+@compiled
+def blur(light: Singles, side: float, across: Singles, out: Singles) -> None:
     """(H, W, 3) picture in which each pixel gives ``side`` of its light to each neighbour.
 
-    Along rows, then along columns; at the border the neighbour inside stands for the one outside.
+    Along rows into ``across``, then along columns into ``out``; at the border the pixel itself
+    stands for its neighbour outside.
     """
     rows, columns, _ = light.shape
-    middle, across = np.empty_like(light), np.empty_like(light)
     keep = 1.0 - 2.0 * side
     for row in range(rows):
         for column in range(columns):
@@ -77,11 +77,10 @@ def blurred(light: Singles, side: float) -> Any:
         for column in range(columns):
             for k in range(3):
                 beside = across[above, column, k] + across[below, column, k]
-                middle[row, column, k] = keep * across[row, column, k] + side * beside
-    return middle
+                out[row, column, k] = keep * across[row, column, k] + side * beside
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def develop(
     light: Singles,
     gains: Any,

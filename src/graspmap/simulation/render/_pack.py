@@ -10,9 +10,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from graspmap.simulation.render import _film_kernel, _light_kernel, _raster_kernel
+from graspmap.simulation.render import (
+    _film_kernel,
+    _lamp_kernel,
+    _light_kernel,
+    _raster_kernel,
+)
 from graspmap.simulation.render import _texture_kernel as texture
-from graspmap.simulation.render._scene import Eye, Geometry, Lamps, Surfaces
+from graspmap.simulation.render._scene import Eye, Geometry, Lamp, Scene, Surfaces
 from graspmap.simulation.render.appearance import Appearance, Finish, Light, ObjectLook, TableLook
 from graspmap.simulation.render.view import View, turn
 from graspmap.simulation.tabletop import Tabletop
@@ -58,7 +63,9 @@ def pack_points(tabletop: Tabletop) -> tuple[Floats, NDArray[np.int32]]:
 def pack_geometry(tabletop: Tabletop, eye: Eye, creases_deg: tuple[float, ...]) -> Geometry:
     """The objects' surfaces in the world and in the camera's frame."""
     world, faces = pack_points(tabletop)
-    normals = _raster_kernel.face_normals(world, faces)
+    normals, seen = np.empty((len(faces), 3)), np.empty(world.shape)
+    _raster_kernel.face_normals(world, faces, normals)
+    _raster_kernel.to_frame(world, eye.rotation, eye.origin, seen)
     uv, corners = np.zeros((len(world), 2)), np.empty((len(faces), 3, 3))
     owner, sides = np.empty(len(faces), np.int16), np.empty(len(faces), np.uint8)
     first = start = 0
@@ -67,8 +74,8 @@ def pack_geometry(tabletop: Tabletop, eye: Eye, creases_deg: tuple[float, ...]) 
         end, last = start + len(model.vertices), first + len(model.faces)
         own = faces[first:last] - np.int32(start)
         crease = turn(math.radians(creases_deg[number]))[0]
-        corners[first:last] = _raster_kernel.corner_normals(
-            world[start:end], own, normals[first:last], crease
+        _raster_kernel.corner_normals(
+            len(model.vertices), own, normals[first:last], crease, corners[first:last]
         )
         owner[first:last] = number
         sides[first:last] = 1 if _raster_kernel.is_closed(world[start:end], own) else 2
@@ -78,7 +85,7 @@ def pack_geometry(tabletop: Tabletop, eye: Eye, creases_deg: tuple[float, ...]) 
     poses = [placed.T_world_object for placed in tabletop.objects]
     return Geometry(
         world,
-        _raster_kernel.to_frame(world, eye.rotation, eye.origin),
+        seen,
         faces,
         normals,
         corners,
@@ -126,49 +133,70 @@ def _pack_look(row: Floats, look: ObjectLook | TableLook) -> None:
     row[texture.METAL], row[texture.GLASS] = finish.metal, finish.glass
 
 
-def pack_lamps(geometry: Geometry, appearance: Appearance, pixel_m: float) -> Lamps:
-    """Where light comes from and what it reaches.
-
-    Args:
-        geometry: The objects.
-        appearance: The look.
-        pixel_m: Size of a pixel of the picture at the objects.
-    """
-    light = appearance.light
-    numbers = np.zeros(_light_kernel.LENGTH)
-    numbers[_light_kernel.KEY : _light_kernel.KEY + 3] = light.position_m
-    numbers[_light_kernel.KEY_COLOUR : _light_kernel.KEY_COLOUR + 3] = light.key
-    numbers[_light_kernel.FILL : _light_kernel.FILL + 3] = light.fill_direction
-    numbers[_light_kernel.FILL_COLOUR : _light_kernel.FILL_COLOUR + 3] = light.fill
-    numbers[_light_kernel.SKY : _light_kernel.SKY + 3] = light.ambient
-    table = np.mean(np.array(appearance.table.colours[:2]), axis=0)
-    fall = (np.array(light.key) + np.array(light.ambient)) * table
-    numbers[_light_kernel.GROUND : _light_kernel.GROUND + 3] = fall
-    key, sky = _disk(light), _dome()
+def pack_scene(tabletop: Tabletop, appearance: Appearance, geometry: Geometry, eye: Eye) -> Scene:
+    """Everything that a picture's colours follow from."""
+    surfaces = pack_surfaces(tabletop, appearance)
+    light = _pack_light(appearance)
     if not len(geometry.faces):
-        none = (np.empty((0, 2, 2), np.float32), np.empty((0, _light_kernel.POSE_LENGTH)), 0.0, np.empty(0))
-        return Lamps(numbers, *none, *none)
+        none = Lamp(
+            np.empty((0, 2, 2), np.float32),
+            np.empty((0, _lamp_kernel.POSE_LENGTH)),
+            0.0,
+            np.empty(0),
+        )
+        return Scene(geometry, eye, surfaces, light, none, none)
     low, high = geometry.world.min(axis=0), geometry.world.max(axis=0)
     size = math.sqrt(float(((high - low) ** 2).sum()))
-    sides = [
-        int(min(max(size / (pixel_m * share), least), most))
-        for share, (least, most) in ((0.8, _KEY_SIDE_PX), (2.5, _SKY_SIDE_PX))
-    ]
+    # Of a pixel of the picture at the objects.
+    pixel = float(eye.origin[2]) / eye.focal[0]
     clear = np.array([look.finish.glass > 0.5 for look in appearance.objects])
     solid = np.where(clear[geometry.owner], 0, geometry.sides).astype(np.uint8)
-    points, faces = geometry.world, geometry.faces
-    high_sky = sky + 0.5 * (low + high)
-    pictures = _light_kernel.lamp_pictures(points, faces, solid, key, sides[0])
-    dome = _light_kernel.lamp_pictures(points, faces, geometry.sides, high_sky, sides[1])
-    return Lamps(
-        numbers,
-        *pictures,
-        size / (sides[0] - 4),
-        np.full(len(key), 1 / len(key)),
-        *dome,
-        size / (sides[1] - 4),
-        sky[:, 2] / sum(sky[:, 2].tolist()),
-    )
+    key_points, dome = _disk(appearance.light), _dome()
+    equal, facing = [1 / len(key_points)] * len(key_points), dome[:, 2] / sum(dome[:, 2].tolist())
+    key = _lamp(geometry, solid, key_points, size, size / (0.8 * pixel), _KEY_SIDE_PX)
+    sky_points = dome + 0.5 * (low + high)
+    sky = _lamp(geometry, geometry.sides, sky_points, size, size / (2.5 * pixel), _SKY_SIDE_PX)
+    return Scene(geometry, eye, surfaces, light, Lamp(*key, np.array(equal)), Lamp(*sky, facing))
+
+
+def _lamp(
+    geometry: Geometry,
+    drawn: NDArray[np.uint8],
+    points: Floats,
+    size: float,
+    wanted: float,
+    limits: tuple[int, int],
+) -> tuple[NDArray[np.float32], Floats, float]:
+    """Pictures, poses and texel of (K, 3) points that give light."""
+    side = int(min(max(wanted, limits[0]), limits[1]))
+    pictures = np.empty((len(points), side, side), np.float32)
+    poses = np.empty((len(points), _lamp_kernel.POSE_LENGTH))
+    rotation, seen = np.empty((3, 3)), np.empty(geometry.world.shape)
+    depth, triangle = np.empty((side, side)), np.empty((side, side), np.int32)
+    for picture, pose, point in zip(pictures, poses, points, strict=True):
+        _lamp_kernel.aim(geometry.world, point, side, rotation, pose)
+        _raster_kernel.to_frame(geometry.world, rotation, point, seen)
+        focal, cx, cy = pose[_lamp_kernel.FOCAL : _lamp_kernel.CENTRE + 2].tolist()
+        depth.fill(np.inf)
+        _raster_kernel.draw_triangles(
+            seen, geometry.faces, drawn, (focal, focal, cx, cy), depth, triangle
+        )
+        picture[:] = depth
+    return pictures, poses, size / (side - 4)
+
+
+def _pack_light(appearance: Appearance) -> Floats:
+    light, out = appearance.light, np.zeros(_light_kernel.LENGTH)
+    out[_light_kernel.KEY : _light_kernel.KEY + 3] = light.position_m
+    out[_light_kernel.KEY_COLOUR : _light_kernel.KEY_COLOUR + 3] = light.key
+    out[_light_kernel.FILL : _light_kernel.FILL + 3] = light.fill_direction
+    out[_light_kernel.FILL_COLOUR : _light_kernel.FILL_COLOUR + 3] = light.fill
+    out[_light_kernel.SKY : _light_kernel.SKY + 3] = light.ambient
+    for channel in range(3):
+        first, second, _ = (colour[channel] for colour in appearance.table.colours)
+        table = 0.5 * (first + second)
+        out[_light_kernel.GROUND + channel] = table * (light.key[channel] + light.ambient[channel])
+    return out
 
 
 def _disk(light: Light) -> Floats:

@@ -60,22 +60,20 @@ class Eye:
 
 
 @dataclass(frozen=True, eq=False)
-class Lamps:
-    """What gives light.
+class Lamp:
+    """Points that give light, and what each of them sees.
 
     Args:
-        light: Numbers of the scene's light, as `_light_kernel` has them.
-        key_pictures: (K, s, s) depths seen from the points of the lamp.
-        key_poses: (K, POSE_LENGTH).
-        key_texel: Size of their pixels at the objects, metres.
-        key_shares: (K,) of each point in the lamp's light.
-        sky_pictures: The same from points of the sky.
-        sky_poses: The same.
-        sky_texel: The same.
-        sky_shares: The same, on a surface that faces up.
+        pictures: (K, s, s) depths of the objects from each point.
+        poses: (K, POSE_LENGTH) where these pictures look.
+        texel: Size of their pixels at the objects, metres.
+        shares: (K,) of each point in the light on a table with nothing on it.
     """
 
-    light: Floats
+    pictures: Singles
+    poses: Floats
+    texel: float
+    shares: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,3 +87,24 @@ class Surfaces:
 
     rows: Floats
     pictures: Singles
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Everything that a picture's colours follow from.
+
+    Args:
+        geometry: The objects' surfaces.
+        eye: The camera.
+        surfaces: What things look like.
+        light: (LENGTH,) numbers of the scene's light, as `_light_kernel` has them.
+        key: The lamp.
+        sky: Light from above.
+    """
+
+    geometry: Geometry
+    eye: Eye
+    surfaces: Surfaces
+    light: Floats
+    key: Lamp
+    sky: Lamp

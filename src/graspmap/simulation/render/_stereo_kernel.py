@@ -8,12 +8,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from graspmap.simulation.render._compiled import compiled
 from graspmap.simulation.render._film_kernel import bell
-from graspmap.simulation.render._texture_kernel import chance, flat_noise
+from graspmap.simulation.render._noise_kernel import chance, flat_noise
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -25,7 +25,7 @@ _WAVER_PX = 8.0  # size of the waves of edges
 _EVEN = 2.2  # makes the variance of the patchy noise 1
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def mark_hidden(
     depth: Singles, second: Floats, window: Any, shift: float, out: NDArray[np.bool_]
 ) -> None:
@@ -57,48 +57,54 @@ def mark_hidden(
             out[row, column] = a < limit and b < limit
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
+def _spread(row: int, column: int, y: float, x: float, reach: int, out: Floats) -> None:
+    """Note around a pixel that an edge lies at (x, y), as squared distance."""
+    rows, columns = out.shape
+    for a in range(max(row - reach, 0), min(row + reach + 2, rows)):
+        for b in range(max(column - reach, 0), min(column + reach + 2, columns)):
+            away = (a - y) * (a - y) + (b - x) * (b - x)
+            out[a, b] = min(out[a, b], away)
+
+
+@compiled
 def edge_distance(disparity: Floats, reach: int, out: Floats) -> None:
     """(H, W) distance in pixels to the nearest jump of disparity, up to ``reach``; else infinity.
 
     The jump lies half a pixel from the pixels on its two sides.
     """
     rows, columns = disparity.shape
-    out[:] = np.inf
+    for row in range(rows):
+        for column in range(columns):
+            out[row, column] = np.inf
     for row in range(rows):
         for column in range(columns):
             here = disparity[row, column]
-            for k in range(2):
-                i, j = row + k, column + 1 - k
-                if i >= rows or j >= columns or not abs(here - disparity[i, j]) > _JUMP:
-                    continue
-                y, x = row + 0.5 * k, column + 0.5 * (1 - k)
-                for a in range(max(row - reach, 0), min(row + reach + 2, rows)):
-                    for b in range(max(column - reach, 0), min(column + reach + 2, columns)):
-                        away = (a - y) * (a - y) + (b - x) * (b - x)
-                        out[a, b] = min(out[a, b], away)
+            if column + 1 < columns and abs(here - disparity[row, column + 1]) > _JUMP:
+                _spread(row, column, row, column + 0.5, reach, out)
+            if row + 1 < rows and abs(here - disparity[row + 1, column]) > _JUMP:
+                _spread(row, column, row + 0.5, column, reach, out)
     for row in range(rows):
         for column in range(columns):
-            if out[row, column] < np.inf:
-                out[row, column] = math.sqrt(out[row, column])
+            out[row, column] = math.sqrt(out[row, column])
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _waved(x: float, y: float, seed: int) -> float:
     """Smooth noise of mean 0 and, about, variance 1; bumps have size 1."""
     first = flat_noise(x, y, seed)
     return (first + flat_noise(x + 0.5, y + 0.5, seed + 11) - 1.0) * _EVEN
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _blob(x: float, y: float, seed: int) -> float:
     """A number in [0, 1), the same all over a small ragged blob."""
     x += 0.8 * flat_noise(1.7 * x, 1.7 * y, seed)
     y += 0.8 * flat_noise(1.7 * x, 1.7 * y, seed + 5)
-    return chance(int(math.floor(x)), int(math.floor(y)), 3, seed)
+    return chance(math.floor(x), math.floor(y), 3, seed)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _at_edge(
     disparity: Floats, row: int, column: int, scale: float, waver: float, fat: float, seed: int
 ) -> float:
@@ -110,15 +116,15 @@ def _at_edge(
     for k in range(5):
         a = row + dy + fat * ((k == 1) - (k == 2))
         b = column + dx + fat * ((k == 3) - (k == 4))
-        i = min(max(int(math.floor(a + 0.5)), 0), rows - 1)
-        j = min(max(int(math.floor(b + 0.5)), 0), columns - 1)
+        i = min(max(math.floor(a + 0.5), 0), rows - 1)
+        j = min(max(math.floor(b + 0.5), 0), columns - 1)
         # The nearer surface wins, as it has the stronger texture.
         if disparity[i, j] > best:
             best = disparity[i, j]
     return best if best > 0.0 else disparity[row, column]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def match(
     disparity: Floats,
     edge: Floats,
@@ -140,7 +146,9 @@ def match(
         seed: Of everything random.
         out: (H, W) out; NaN in holes.
     """
-    steps, locking, noise, patch, fine, waver, fat, shadow, dropout, speckle = numbers
+    steps, locking, noise, patch, fine = numbers[0], numbers[1], numbers[2], numbers[3], numbers[4]
+    waver, fat, shadow, dropout = numbers[5], numbers[6], numbers[7], numbers[8]
+    speckle = numbers[9]
     rows, columns = disparity.shape
     for row in range(rows):
         for column in range(columns):

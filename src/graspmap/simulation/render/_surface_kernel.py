@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from graspmap.simulation.render._compiled import compiled
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int32]
@@ -22,7 +23,7 @@ LEAST_DOWN = 1e-3
 _LEAST_FACING = 0.02  # of a smooth normal's cosine to the camera
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _weights(seen: Floats, a: int, b: int, c: int, x: float, y: float) -> Any:
     """Shares of the corners a, b, c at the point of their triangle that the ray (x, y, 1) meets."""
     ax, ay, az = seen[a, 0], seen[a, 1], seen[a, 2]
@@ -37,7 +38,7 @@ def _weights(seen: Floats, a: int, b: int, c: int, x: float, y: float) -> Any:
     return p / total, q / total, r / total
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _towards(x: float, y: float, z: float, eye: Any) -> Any:
     """A unit normal bent, if need be, until it faces the eye."""
     facing = x * eye[0] + y * eye[1] + z * eye[2]
@@ -49,7 +50,7 @@ def _towards(x: float, y: float, z: float, eye: Any) -> Any:
     return x, y, z
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _normals(normals: Floats, corners: Floats, f: int, eye: Any, share: Any) -> Any:
     """Unit normals at a point of triangle f, flat and smooth, both on the eye's side."""
     nx, ny, nz = normals[f, 0], normals[f, 1], normals[f, 2]
@@ -70,7 +71,7 @@ def _normals(normals: Floats, corners: Floats, f: int, eye: Any, share: Any) -> 
     return (nx, ny, nz), _towards(sx / long, sy / long, sz / long, eye)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _point(rotation: Floats, origin: Floats, x: float, y: float, depth: float) -> Any:
     """World point at a depth along the ray (x, y, 1), and the unit direction back to the camera."""
     dx = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2]
@@ -81,7 +82,7 @@ def _point(rotation: Floats, origin: Floats, x: float, y: float, depth: float) -
     return point, (-dx / size, -dy / size, -dz / size)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def pixel_rays(pixels: Any, columns: int, focal: Any, shift: Any, out: Floats) -> None:
     """Rays through pixels.
 
@@ -99,7 +100,7 @@ def pixel_rays(pixels: Any, columns: int, focal: Any, shift: Any, out: Floats) -
         out[1, i] = (row + shift[1] - cy) / fy
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def meet_table(
     rotation: Floats, origin: Floats, rays: Floats, point: Floats, back: Floats, depth: Floats
 ) -> None:
@@ -123,7 +124,7 @@ def meet_table(
         depth[i] = z if down > LEAST_DOWN else -z
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def meet_objects(
     rotation: Floats,
     origin: Floats,

@@ -10,9 +10,22 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from graspmap.simulation.render._compiled import compiled
+from graspmap.simulation.render._noise_kernel import (
+    cell,
+    chance,
+    clouds,
+    flat_clouds,
+    flat_noise,
+    hashed,
+    noise,
+    spots,
+    step,
+    wave,
+)
 
 Floats = NDArray[np.float64]
 
@@ -42,167 +55,7 @@ LENGTH = 23
 """Numbers in a row."""
 
 
-_LAST = 1023  # of the tables of noise; beyond, they repeat
-
-
-def _tables() -> tuple[NDArray[np.int64], Floats]:
-    """Whole numbers 0 to 1023 in a shuffled order, and as many numbers from 0 to 1."""
-    state, keys = 12345, []
-    for _ in range(2 * (_LAST + 1)):
-        state = (state * 1103515245 + 12345) % 2**31
-        keys.append(state >> 8)
-    order = sorted(range(_LAST + 1), key=keys.__getitem__)
-    return np.array(order), np.array(keys[_LAST + 1 :]) / 2.0**23
-
-
-_SHUFFLED, _RANDOM = _tables()
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def hashed(x: int, y: int, z: int, seed: int) -> int:
-    """31 bits that look random, from four whole numbers."""
-    mask = np.int64(0xFFFFFFFF)
-    h = (x * 374761393 + y * 668265263 + z * 1103515245 + seed * 974634777) & mask
-    h = ((h ^ (h >> 15)) * 739982445) & mask
-    h = ((h ^ (h >> 12)) * 695872825) & mask
-    h = h ^ (h >> 15)
-    return h & 0x7FFFFFFF
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def chance(x: int, y: int, z: int, seed: int) -> float:
-    """A number in [0, 1) from four whole numbers."""
-    return hashed(x, y, z, seed) * (1.0 / 2147483648.0)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _smooth(t: float) -> float:
-    """0 to 1 with level ends."""
-    return t * t * (3.0 - 2.0 * t)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _step(edge: float, soft: float, x: float) -> float:
-    """0 below an edge, 1 above, rising over ``soft``."""
-    return _smooth(min(max((x - edge) / soft + 0.5, 0.0), 1.0))
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _wave(x: float) -> float:
-    """A smooth wave of period 1 between 0 and 1."""
-    t = x - math.floor(x)
-    return _smooth(2.0 * t if t < 0.5 else 2.0 - 2.0 * t)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _between(a: float, b: float, c: float, d: float, u: float, v: float) -> float:
-    """Between four corners of a square, at (u, v) in it."""
-    low = a + (b - a) * u
-    return low + ((c + (d - c) * u) - low) * v
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _noise(x: float, y: float, z: float, seed: int) -> float:
-    """Smooth noise between 0 and 1 with bumps of size 1."""
-    fx, fy, fz = math.floor(x), math.floor(y), math.floor(z)
-    u, v, w = _smooth(x - fx), _smooth(y - fy), _smooth(z - fz)
-    i, j, k = int(fx), int(fy) + seed, int(fz) + 37 * seed
-    p, q = _SHUFFLED[k & _LAST], _SHUFFLED[(k + 1) & _LAST]
-    a, b = i + _SHUFFLED[(j + p) & _LAST], i + _SHUFFLED[(j + 1 + p) & _LAST]
-    c, d = i + _SHUFFLED[(j + q) & _LAST], i + _SHUFFLED[(j + 1 + q) & _LAST]
-    low = _between(
-        _RANDOM[a & _LAST],
-        _RANDOM[(a + 1) & _LAST],
-        _RANDOM[b & _LAST],
-        _RANDOM[(b + 1) & _LAST],
-        *(u, v),
-    )
-    high = _between(
-        _RANDOM[c & _LAST],
-        _RANDOM[(c + 1) & _LAST],
-        _RANDOM[d & _LAST],
-        _RANDOM[(d + 1) & _LAST],
-        *(u, v),
-    )
-    return low + (high - low) * w
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def flat_noise(x: float, y: float, seed: int) -> float:
-    """The same on a plane."""
-    fx, fy = math.floor(x), math.floor(y)
-    u, v = _smooth(x - fx), _smooth(y - fy)
-    i, j = int(fx), int(fy) + seed
-    a, b = i + _SHUFFLED[j & _LAST], i + _SHUFFLED[(j + 1) & _LAST]
-    return _between(
-        _RANDOM[a & _LAST],
-        _RANDOM[(a + 1) & _LAST],
-        _RANDOM[b & _LAST],
-        _RANDOM[(b + 1) & _LAST],
-        *(u, v),
-    )
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _clouds(x: float, y: float, z: float, seed: int, pixel: float) -> float:
-    """Noise over several sizes, 0 to 1; sizes below two pixels are left out."""
-    total, weight, size = 0.0, 0.5, 1.0
-    for octave in range(4):
-        if octave and pixel > 0.5 * size:
-            break
-        total += weight * (_noise(x, y, z, seed + 7 * octave) - 0.5)
-        weight, size, x, y, z = weight * 0.5, size * 0.5, 2.0 * x, 2.0 * y, 2.0 * z
-    return min(max(0.5 + 1.4 * total, 0.0), 1.0)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _flat_clouds(x: float, y: float, seed: int, pixel: float, octaves: int) -> float:
-    """The same on a plane, with so many sizes."""
-    total, weight, size = 0.0, 0.5, 1.0
-    for octave in range(octaves):
-        if octave and pixel > 0.5 * size:
-            break
-        total += weight * (flat_noise(x, y, seed + 7 * octave) - 0.5)
-        weight, size, x, y = weight * 0.5, size * 0.5, 2.0 * x, 2.0 * y
-    return min(max(0.5 + 1.4 * total, 0.0), 1.0)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _spots(x: float, y: float, z: float, seed: int, flat: bool) -> Any:
-    """Whether a point lies on one of many spots, one in each cell, and a number of the spot."""
-    i, j, k = math.floor(x), math.floor(y), math.floor(z)
-    for a in range(-1, 2):
-        for b in range(-1, 2):
-            for c in range(0 if flat else -1, 1 if flat else 2):
-                p, q, r = int(i) + a, int(j) + b, 0 if flat else int(k) + c
-                radius = 0.12 + 0.28 * chance(p, q, r, seed + 3)
-                dx = x - (p + chance(p, q, r, seed))
-                dy = y - (q + chance(p, q, r, seed + 1))
-                dz = 0.0 if flat else z - (r + chance(p, q, r, seed + 2))
-                if dx * dx + dy * dy + dz * dz < radius * radius:
-                    return True, chance(p, q, r, seed + 4)
-    return False, 0.0
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _cell(x: float, y: float, z: float, seed: int) -> float:
-    """A number of the patch in which a point lies; patches surround scattered points."""
-    i, j, k = int(math.floor(x)), int(math.floor(y)), int(math.floor(z))
-    nearest, found = np.inf, 0.0
-    for a in range(-1, 2):
-        for b in range(-1, 2):
-            for c in range(-1, 2):
-                p, q, r = i + a, j + b, k + c
-                dx = x - (p + chance(p, q, r, seed))
-                dy = y - (q + chance(p, q, r, seed + 1))
-                dz = z - (r + chance(p, q, r, seed + 2))
-                away = dx * dx + dy * dy + dz * dz
-                if away < nearest:
-                    nearest, found = away, chance(p, q, r, seed + 3)
-    return found
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _mix(surface: Floats, t: float, tone: float) -> Any:
     """Between first and second colour, times a tone."""
     c = surface
@@ -213,12 +66,12 @@ def _mix(surface: Floats, t: float, tone: float) -> Any:
     )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _third(surface: Floats) -> Any:
     return surface[THIRD], surface[THIRD + 1], surface[THIRD + 2]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _solid_colour(surface: Floats, x: float, y: float, z: float, pixel: float) -> Any:
     """Linear red, green, blue of an object at a point of its own space.
 
@@ -237,37 +90,37 @@ def _solid_colour(surface: Floats, x: float, y: float, z: float, pixel: float) -
     if pattern == STRIPES:
         t = along - math.floor(along)
         soft = max(pixel, 0.02)
-        return _mix(surface, _step(0.25, soft, t) - _step(0.75, soft, t), 1.0)
+        return _mix(surface, step(0.25, soft, t) - step(0.75, soft, t), 1.0)
     if pattern == CHECKER:
-        odd = (int(math.floor(x)) + int(math.floor(y)) + int(math.floor(z))) & 1
+        odd = (math.floor(x) + math.floor(y) + math.floor(z)) & 1
         return _mix(surface, float(odd), 1.0)
     if pattern == NOISE:
-        t = _clouds(x, y, z, seed, pixel)
-        return _mix(surface, _step(0.5, 0.5, t), 1.0)
+        t = clouds(x, y, z, seed, pixel)
+        return _mix(surface, step(0.5, 0.5, t), 1.0)
     if pattern == WOOD:
         px, py, pz = x - along * ax, y - along * ay, z - along * az
-        bend = _noise(0.5 * x, 0.5 * y, 0.5 * z, seed)
+        bend = noise(0.5 * x, 0.5 * y, 0.5 * z, seed)
         rings = math.sqrt(px * px + py * py + pz * pz) * 1.5 + 1.2 * bend
         t = rings - math.floor(rings)
-        fibre = _noise(6.0 * px + 0.4 * along, 6.0 * py, 6.0 * pz, seed + 1)
+        fibre = noise(6.0 * px + 0.4 * along, 6.0 * py, 6.0 * pz, seed + 1)
         return _mix(surface, 0.85 * t * t, 0.85 + 0.3 * (fibre if pixel < 0.1 else 0.5))
     if pattern == SPECKLE:
-        spot, number = _spots(2.0 * x, 2.0 * y, 2.0 * z, seed, False)
+        spot, number = spots(2.0 * x, 2.0 * y, 2.0 * z, seed, False)
         if not spot:
             return _mix(surface, 0.0, 1.0)
         return _mix(surface, 1.0, 1.0) if number < 0.6 else _third(surface)
     if pattern == MARBLE:
-        t = _wave(0.6 * along + 2.2 * _clouds(x, y, z, seed, pixel))
+        t = wave(0.6 * along + 2.2 * clouds(x, y, z, seed, pixel))
         return _mix(surface, t * t * t, 1.0)
     if pattern == PATCHES:
-        number = _cell(x, y, z, seed)
+        number = cell(x, y, z, seed)
         if number < 0.4:
             return _mix(surface, 0.0, 1.0)
         return _mix(surface, 1.0, 1.0) if number < 0.75 else _third(surface)
     return _mix(surface, 0.0, 1.0)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _planks(surface: Floats, x: float, y: float, seed: int, pixel: float) -> Any:
     """Boards of wood, side by side, each with a grain of its own."""
     row = math.floor(y)
@@ -276,7 +129,7 @@ def _planks(surface: Floats, x: float, y: float, seed: int, pixel: float) -> Any
     shift = float(number & 0xFF)
     away = y - row
     bend = flat_noise(0.45 * x + shift, 1.3 * y, seed + 1)
-    grain = _wave(3.0 * away + 2.6 * bend + shift)
+    grain = wave(3.0 * away + 2.6 * bend + shift)
     fibre = flat_noise(1.6 * x + shift, 34.0 * y, seed + 2) if pixel < 0.03 else 0.5
     t = 0.6 * grain * grain + 0.4 * fibre
     tone = 0.88 + 0.24 * ((number >> 8) / 255.0)
@@ -289,7 +142,7 @@ def _planks(surface: Floats, x: float, y: float, seed: int, pixel: float) -> Any
     return red * dark, green * dark, blue * dark
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _cloth(surface: Floats, x: float, y: float, seed: int, pixel: float) -> Any:
     """Threads over and under each other; where they are finer than pixels, their mean."""
     i, j = math.floor(x), math.floor(y)
@@ -303,18 +156,20 @@ def _cloth(surface: Floats, x: float, y: float, seed: int, pixel: float) -> Any:
     thread = chance(0 if over else int(i), int(j) if over else 0, over, seed)
     slub = 0.7 + 0.3 * seen * (2.0 * thread - 1.0) * 0.5
     tone = (0.72 + seen * (shade - 0.72)) * slub * 1.55
-    wear = _flat_clouds(0.02 * x, 0.02 * y, seed + 5, 0.02 * pixel, 3)
+    wear = flat_clouds(0.02 * x, 0.02 * y, seed + 5, 0.02 * pixel, 3)
     return _mix(surface, 0.35 * wear + (0.65 if over else 0.0) * (0.5 + 0.5 * seen), tone)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _tiles(surface: Floats, x: float, y: float, seed: int, pixel: float) -> Any:
     """Square tiles with joints."""
     i, j = math.floor(x), math.floor(y)
     edge = min(x - i, 1.0 - (x - i), y - j, 1.0 - (y - j))
-    joint = _step(0.025, 0.012 + pixel, edge)
+    joint = step(0.025, 0.012 + pixel, edge)
     tone = 0.93 + 0.14 * chance(int(i), int(j), 0, seed)
-    cloud = _flat_clouds(3.0 * x, 3.0 * y, seed + (hashed(int(i), int(j), 1, seed) & 63), 3.0 * pixel, 3)
+    cloud = flat_clouds(
+        3.0 * x, 3.0 * y, seed + (hashed(int(i), int(j), 1, seed) & 63), 3.0 * pixel, 3
+    )
     red, green, blue = _mix(surface, 0.35 * cloud, tone)
     third_red, third_green, third_blue = _third(surface)
     return (
@@ -324,7 +179,7 @@ def _tiles(surface: Floats, x: float, y: float, seed: int, pixel: float) -> Any:
     )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _table_colour(surface: Floats, x: float, y: float, pixel: float) -> Any:
     """Linear red, green, blue of the table at a point (x, y), metres; see `_solid_colour`."""
     pattern, seed, scale = int(surface[PATTERN]), int(surface[SEED]), surface[SCALE]
@@ -338,19 +193,19 @@ def _table_colour(surface: Floats, x: float, y: float, pixel: float) -> Any:
     if pattern == TILES:
         return _tiles(surface, x, y, seed, pixel)
     if pattern == NOISE:
-        return _mix(surface, _flat_clouds(x, y, seed, pixel, 5), 1.0)
+        return _mix(surface, flat_clouds(x, y, seed, pixel, 5), 1.0)
     if pattern == MARBLE:
-        t = _wave(0.5 * x + 0.3 * y + 2.4 * _flat_clouds(x, y, seed, pixel, 5))
+        t = wave(0.5 * x + 0.3 * y + 2.4 * flat_clouds(x, y, seed, pixel, 5))
         return _mix(surface, t * t * t * t, 0.95 + 0.1 * flat_noise(0.5 * x, 0.5 * y, seed + 9))
     if pattern == SPECKLE:
-        spot, number = _spots(x, y, 0.0, seed, True)
+        spot, number = spots(x, y, 0.0, seed, True)
         if spot:
             return _mix(surface, 1.0, 0.8 + 0.4 * number) if number < 0.6 else _third(surface)
         return _mix(surface, 0.0, 1.0)
-    return _mix(surface, 0.15 * _flat_clouds(x, y, seed, pixel, 2), 1.0)
+    return _mix(surface, 0.15 * flat_clouds(x, y, seed, pixel, 2), 1.0)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def table_colours(row: Floats, point: Floats, pixel: Floats, out: Floats) -> None:
     """Linear colour of the table.
 
@@ -364,7 +219,7 @@ def table_colours(row: Floats, point: Floats, pixel: Floats, out: Floats) -> Non
         out[0, i], out[1, i], out[2, i] = _table_colour(row, point[0, i], point[1, i], pixel[i])
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def object_colours(
     rows: Floats,
     owner: NDArray[np.int16],
@@ -400,7 +255,7 @@ def object_colours(
         )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def picture_colours(
     rows: Floats,
     owner: NDArray[np.int16],

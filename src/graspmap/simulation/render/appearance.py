@@ -6,7 +6,6 @@ Colours are linear red, green, blue from 0 to 1.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import numpy as np
@@ -16,7 +15,6 @@ from graspmap.simulation.render.randomisation import (
     LightSection,
     NoiseSection,
     Randomisation,
-    Section,
     TableSection,
     Weights,
 )
@@ -191,12 +189,12 @@ def _pick(rng: np.random.Generator, weights: Weights) -> str:
     """A name, with the chance that its weight gives it."""
     named = weights.model_dump()
     left = rng.random() * sum(named.values())
-    name = ""
-    for name, weight in named.items():
+    possible = {name: weight for name, weight in named.items() if weight}
+    for name, weight in possible.items():
         left -= weight
-        if weight and left < 0:
-            break
-    return name
+        if left < 0:
+            return name
+    return next(reversed(possible))
 
 
 def _seed(rng: np.random.Generator) -> int:
@@ -204,7 +202,7 @@ def _seed(rng: np.random.Generator) -> int:
 
 
 def _colour(
-    rng: np.random.Generator, saturation: Sequence[float], value: Sequence[float]
+    rng: np.random.Generator, saturation: tuple[float, float], value: tuple[float, float]
 ) -> Colour:
     """Of any hue; linear light."""
     return _from_hsv(rng.random(), rng.uniform(*saturation), rng.uniform(*value))
@@ -217,9 +215,7 @@ def _from_hsv(hue: float, saturation: float, value: float) -> Colour:
     channels = []
     for shift in (5.0, 3.0, 1.0):
         place = (shift + 6.0 * hue) % 6.0
-        channels.append(
-            linear(value * (1.0 - saturation * max(0.0, min(place, 4.0 - place, 1.0))))
-        )
+        channels.append(linear(value * (1.0 - saturation * max(0.0, min(place, 4.0 - place, 1.0)))))
     red, green, blue = _rounded(*channels)
     return red, green, blue
 
@@ -232,8 +228,10 @@ def _object(
     material = _pick(rng, textures.materials)
     scale = _spread(rng, *textures.scale_m)
     contrast = rng.uniform(*textures.contrast)
-    hue, saturation, value = rng.random(), rng.uniform(*colours.saturation), rng.uniform(
-        *colours.value
+    hue, saturation, value = (
+        rng.random(),
+        rng.uniform(*colours.saturation),
+        rng.uniform(*colours.value),
     )
     second_hue, second_value = rng.random(), rng.uniform(*colours.value)
     third = _colour(rng, colours.saturation, colours.value)
@@ -304,8 +302,10 @@ _PLANK_HUES = (0.05, 0.11)
 def _table(ranges: TableSection, rng: np.random.Generator) -> TableLook:
     pattern = _pick(rng, ranges.patterns)
     pattern = "planks" if pattern == "wood" else pattern
-    hue, saturation, value = rng.random(), rng.uniform(*ranges.saturation), rng.uniform(
-        *ranges.value
+    hue, saturation, value = (
+        rng.random(),
+        rng.uniform(*ranges.saturation),
+        rng.uniform(*ranges.value),
     )
     contrast = rng.uniform(*ranges.contrast)
     scale = _spread(rng, *_TABLE_SCALES_M[pattern])

@@ -14,14 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspmap.errors import InvalidInputError
-from graspmap.simulation.render import (
-    _film_kernel,
-    _raster_kernel,
-    _scene_kernel,
-    _shade_kernel,
-)
-from graspmap.simulation.render._pack import pack_eye, pack_geometry, pack_lamps, pack_surfaces
-from graspmap.simulation.render._scene_kernel import Eye, Geometry
+from graspmap.simulation.render import _edge_kernel, _film_kernel, _raster_kernel, _shading
+from graspmap.simulation.render._pack import pack_eye, pack_geometry, pack_scene
+from graspmap.simulation.render._scene import Eye, Geometry, Scene
 from graspmap.simulation.render.appearance import Appearance, Film
 from graspmap.simulation.render.view import View
 from graspmap.simulation.tabletop import Tabletop
@@ -30,6 +25,8 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Integers = NDArray[np.int32]
 Window = tuple[int, int, int, int]
+
+_BRIGHTEST = 4.0  # linear light at one point of a pixel
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,16 +76,41 @@ def render(tabletop: Tabletop, view: View, appearance: Appearance) -> Rendering:
     shape = (view.camera.height, view.camera.width)
     window = _raster_kernel.pixel_bounds(geometry.seen, eye.focal, shape)
     depth, triangle = _visible(geometry, eye, shape, window)
-    normals, instance = np.empty((*shape, 3), np.float32), np.empty(shape, np.int16)
-    _scene_kernel.fill_channels(geometry, eye, window, depth, triangle, normals, instance)
-    light = _colour(tabletop, appearance, geometry, eye, window, depth, triangle, instance)
+    seen, hits = _objects(geometry, eye, shape, window, depth, triangle)
+    instance = np.full(shape, -1, np.int16)
+    instance.ravel()[seen] = geometry.owner[hits.face]
+    normals = np.zeros((*shape, 3), np.float32)
+    normals[..., 2] = 1.0
+    normals.reshape(-1, 3)[seen] = hits.smooth.T
+    missed = np.isinf(depth)
+    normals[missed] = np.nan
+    scene = pack_scene(tabletop, appearance, geometry, eye)
+    light = _colour(scene, shape, seen, hits)
+    _smooth_edges(scene, window, instance, light)
     return Rendering(
         rgb=_develop(light, appearance),
-        depth=np.where(np.isfinite(depth), depth, np.nan).astype(np.float32),
+        depth=np.where(missed, np.nan, depth).astype(np.float32),
         mask=instance >= 0,
         normals=normals,
         instance=instance,
     )
+
+
+def _objects(
+    geometry: Geometry,
+    eye: Eye,
+    shape: tuple[int, int],
+    window: Window,
+    depth: Floats,
+    triangle: Integers,
+) -> tuple[NDArray[np.int64], _shading.Hits]:
+    """(n,) flat numbers of the pixels that show an object, and where their rays meet it."""
+    top, _, left, _ = window
+    rows, columns = np.nonzero(triangle >= 0)
+    face = triangle[rows, columns]
+    seen = (rows + top) * shape[1] + columns + left
+    rays = _shading.pixel_rays(eye, seen, shape[1])
+    return seen, _shading.meet_objects(geometry, eye, rays, face, depth.ravel()[seen])
 
 
 def _visible(
@@ -101,39 +123,59 @@ def _visible(
     triangle = np.full((bottom - top, right - left), -1, np.int32)
     fx, fy, cx, cy = eye.focal
     drawn = np.full(len(geometry.faces), 2, np.uint8)
-    inside = depth[top:bottom, left:right]
+    inside = np.ascontiguousarray(depth[top:bottom, left:right])
     focal = (fx, fy, cx - left, cy - top)
     _raster_kernel.draw_triangles(geometry.seen, geometry.faces, drawn, focal, inside, triangle)
+    depth[top:bottom, left:right] = inside
     return depth, triangle
 
 
 def _colour(
-    tabletop: Tabletop,
-    appearance: Appearance,
-    geometry: Geometry,
-    eye: Eye,
-    window: Window,
-    depth: Floats,
-    triangle: Integers,
-    instance: NDArray[np.int16],
+    scene: Scene, shape: tuple[int, int], seen: NDArray[np.int64], hits: _shading.Hits
 ) -> Singles:
-    """(H, W, 3) linear light."""
-    top, bottom, left, right = window
-    pixel_m = float(eye.origin[2]) / eye.focal[0]
-    lamps = pack_lamps(geometry, appearance, pixel_m)
-    surfaces = pack_surfaces(tabletop, appearance)
-    colour = np.empty((*depth.shape, 3), np.float32)
-    _shade_kernel.colour_pixels(geometry, eye, lamps, surfaces, window, depth, triangle, colour)
+    """(H, W, 3) linear light at the pixels' centres."""
+    out = np.empty((shape[0] * shape[1], 3), np.float32)
+    bare = np.ones(len(out), np.bool_)
+    bare[seen] = False
+    table = np.flatnonzero(bare)
+    rays = _shading.pixel_rays(scene.eye, table, shape[1])
+    out[table] = _shading.table_colours(scene, rays).T
+    out[seen] = _shading.object_colours(scene, hits).T
+    return out.reshape(*shape, 3)
+
+
+def _smooth_edges(
+    scene: Scene, window: Window, instance: NDArray[np.int16], light: Singles
+) -> None:
+    """Replace the colour of pixels on edges by the mean over four points of each."""
+    eye, geometry, (top, bottom, left, right) = scene.eye, scene.geometry, window
     fx, fy, cx, cy = eye.focal
     # Twice the resolution: the centre of pixel 0 lies between those of its pixels 0 and 1.
-    focal = (2 * fx, 2 * fy, 2 * (cx - left) + 0.5, 2 * (cy - top) + 0.5)
-    fine_eye = Eye(eye.rotation, eye.origin, focal)
-    shape = (2 * (bottom - top), 2 * (right - left))
-    fine_depth, fine_triangle = _visible(geometry, fine_eye, shape, (0, shape[0], 0, shape[1]))
-    _shade_kernel.smooth_edges(
-        geometry, eye, lamps, surfaces, window, fine_depth, fine_triangle, instance, colour
+    fine = Eye(
+        eye.rotation, eye.origin, (2 * fx, 2 * fy, 2 * (cx - left) + 0.5, 2 * (cy - top) + 0.5)
     )
-    return colour
+    size = (2 * (bottom - top), 2 * (right - left))
+    fine_depth, fine_triangle = _visible(geometry, fine, size, (0, size[0], 0, size[1]))
+    shape = (instance.shape[0], instance.shape[1])
+    marked = np.zeros(instance.size, np.bool_)
+    _edge_kernel.mark_edges(instance.ravel(), light.reshape(-1, 3), shape, marked)
+    edges = np.flatnonzero(marked)
+    rows, columns = edges // instance.shape[1], edges % instance.shape[1]
+    inside = (rows >= top) & (rows < bottom) & (columns >= left) & (columns < right)
+    within = np.flatnonzero(inside)
+    total = np.zeros((3, len(edges)))
+    for down, across in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        face, depth = np.full(len(edges), -1, np.int32), np.zeros(len(edges))
+        places = 2 * (rows[within] - top) + down, 2 * (columns[within] - left) + across
+        face[within], depth[within] = fine_triangle[places], fine_depth[places]
+        shift = (0.5 * across - 0.25, 0.5 * down - 0.25)
+        rays = _shading.pixel_rays(eye, edges, instance.shape[1], shift)
+        table, objects = np.flatnonzero(face < 0), np.flatnonzero(face >= 0)
+        total[:, table] += _shading.table_colours(scene, rays[:, table])
+        hits = _shading.meet_objects(geometry, eye, rays[:, objects], face[objects], depth[objects])
+        # A highlight does not make its whole pixel white.
+        total[:, objects] += np.minimum(_shading.object_colours(scene, hits), _BRIGHTEST)
+    light.reshape(-1, 3)[edges] = 0.25 * total.T
 
 
 def _develop(light: Singles, appearance: Appearance) -> NDArray[np.uint8]:
@@ -142,7 +184,8 @@ def _develop(light: Singles, appearance: Appearance) -> NDArray[np.uint8]:
     # The blur as a share of light for each neighbour: its variance is twice that share.
     variance = (film.blur_px * light.shape[1] / 1024) ** 2
     if variance > 0:
-        light = _film_kernel.blurred(light, min(variance / 2, 0.25))
+        sharp, across, light = light, np.empty_like(light), np.empty_like(light)
+        _film_kernel.blur(sharp, min(variance / 2, 0.25), across, light)
     x, y, z = lamps.position_m
     facing = z / float(np.sqrt(x * x + y * y + z * z))
     full = sum(

@@ -106,16 +106,17 @@ def stereo_depth(
     fx, fy, cx, cy = eye.focal
     # The second camera, in the first one's frame, stands at (baseline, 0, 0).
     world, faces = pack_points(tabletop)
-    seen = _raster_kernel.to_frame(world, eye.rotation, eye.origin)
+    seen = np.empty(world.shape)
+    _raster_kernel.to_frame(world, eye.rotation, eye.origin, seen)
     seen[:, 0] -= sensor.baseline_m
     margin = shape[1]
     wide = (shape[0], 3 * margin)
     window = _raster_kernel.pixel_bounds(seen, (fx, fy, cx + margin, cy), wide)
     top, bottom, left, right = window
     second = np.full((bottom - top, right - left), np.inf)
-    none, drawn = np.empty((0, 0), np.int32), np.full(len(faces), 2, np.uint8)
+    triangle, drawn = np.empty(second.shape, np.int32), np.full(len(faces), 2, np.uint8)
     focal = (fx, fy, cx + margin - left, cy - top)
-    _raster_kernel.draw_triangles(seen, faces, drawn, focal, second, none)
+    _raster_kernel.draw_triangles(seen, faces, drawn, focal, second, triangle)
     hidden = np.empty(shape, np.bool_)
     _stereo_kernel.mark_hidden(
         rendering.depth,
