@@ -2,7 +2,7 @@
 
 With ``--json FILE`` the rows are written too; ``--only WORD`` runs the rows that contain it.
 Real Jacquard scenes are used where GRASPMAP_TEST_DATA points to a folder that has them, otherwise
-drawn ones of the same size and format.
+generated ones of the same size and format.
 """
 
 from __future__ import annotations
@@ -43,10 +43,11 @@ def scenes_of(folder: Path) -> tuple[Scenes, str]:
     real = Path(os.environ.get("GRASPMAP_TEST_DATA", "../shared/data")) / "jacquard"
     if real.is_dir():
         return read_scenes(f"jacquard:{real}"), "real Jacquard scenes"
-    from graspmap.generation import write_drawn
+    from graspmap.generation import GenerationPlan, generate
+    from graspmap.gripper import load_gripper
 
-    write_drawn(folder / "drawn", scenes=8, seed=0, size=1024)
-    return read_scenes(f"jacquard:{folder / 'drawn'}"), "drawn scenes in Jacquard's format"
+    generate(GenerationPlan(8, load_gripper("jacquard"), candidates=200), folder / "generated")
+    return read_scenes(f"jacquard:{folder / 'generated'}"), "generated scenes"
 
 
 def many_grasps(rng: np.random.Generator, count: int, side: int) -> Grasps:

@@ -49,7 +49,7 @@ def picture_sheets(
             total = sum(len(t.results[kind]) for t in mine)
             what = "do not hold" if kind == "label" else "hold"
             title = f"{object_id[:12]}: {len(wanted)} of {total} ({kind}) {what}"
-            tiles = [_tile(scenes, *wanted[k], kind) for k in some]
+            tiles = [_tile(scenes, wanted[k][0], wanted[k][1], kind) for k in some]
             path = out / f"{name}_{kind}_{object_id[:6]}.png"
             path.write_bytes(encode(contact_sheet(tiles, columns=5, cell=400, title=title)))
 
@@ -64,7 +64,7 @@ def _tile(scenes: JacquardScenes, trial: SceneTrials, index: int, kind: str) -> 
     pixels = grasp.to_pixels(heights.at(grasp.center_m), scene.camera, trial.T_world_camera)
     x, y = np.round(pixels.center[0]).astype(int)
     size = 2 * _HALF_PX
-    padded = cv2.copyMakeBorder(scene.rgb, *[_HALF_PX] * 4, cv2.BORDER_REPLICATE)
+    padded = np.pad(scene.rgb, ((_HALF_PX, _HALF_PX), (_HALF_PX, _HALF_PX), (0, 0)), mode="edge")
     crop = padded[y : y + size, x : x + size]
     shift = np.array([[1.0, 0.0, _HALF_PX - x], [0.0, 1.0, _HALF_PX - y], [0.0, 0.0, 1.0]])
     drawn = draw_grasps(np.ascontiguousarray(crop), pixels.transformed(shift), scale=2.0)

@@ -132,7 +132,7 @@ def test_help_needs_no_library():
         (["weights", "import", "ggcnn", "nowhere.pt", "o.safetensors"], "nowhere.pt"),
         (["weights", "import", "ggcnn", "f", "o.pt"], ".safetensors"),
         (["weights", "import", "ggcnn", "f", "o.safetensors", "--view", "0"], "--view"),
-        (["demo", "--seconds", "0"], "--seconds"),
+        (["demo", "--epochs", "0"], "--epochs"),
         (["demo", "--scenes", "3"], "--scenes"),
     ],
 )
@@ -391,13 +391,14 @@ def test_demo_end_to_end(capsys, monkeypatch, tmp_path):
 
     monkeypatch.setattr(demo, "_SIDE", 64)
     monkeypatch.setattr(demo, "_INPUT", 64)
-    monkeypatch.setattr(demo, "_LEAST_EPOCHS", 2)
-    words = ("demo", "--out", tmp_path / "d", "--seconds", 0.1, "--scenes", 50, "--json", "-")
+    monkeypatch.setattr(demo, "_CANDIDATES", 20)
+    words = ("demo", "--out", tmp_path / "d", "--epochs", 1, "--scenes", 20, "--json", "-")
     code, out, err = run(capsys, *words)
     summary = json.loads(out)
     assert code == 0
     assert summary["scenes"] >= 3
-    assert "success" in err
+    assert summary["trial"]["trials"] == summary["scenes"]
+    assert "trial success" in err
     assert cv2.imread(summary["picture"]) is not None
     page = (tmp_path / "d" / "index.html").read_text()
     assert "data:image/png;base64," in page

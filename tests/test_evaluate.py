@@ -23,7 +23,6 @@ from graspmap.evaluation import (
     to_predictions,
 )
 from graspmap.evaluation.baselines import median_angle
-from graspmap.generation import write_drawn
 from graspmap.geometry.affine import resize, rotation
 from graspmap.geometry.grasps import Grasps, angle_difference
 
@@ -386,9 +385,8 @@ def test_predictions_through_a_file_of_the_server_s_format(data_dir, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["jacquard", "cornell"])
-def test_what_a_detector_said_goes_through_a_file(tmp_path, kind):
-    write_drawn(tmp_path / "scenes", 3, 0, size=96)
-    scenes = read_scenes(f"jacquard:{tmp_path / 'scenes'}")
+def test_what_a_detector_said_goes_through_a_file(generated, tmp_path, kind):
+    scenes = read_scenes(f"jacquard:{generated}")
     scenes.kind = kind  # files of other kinds speak of the picture's own pixels
     said = evaluate_detector(center_grasp_baseline(scenes), scenes)
     write_predictions(tmp_path / "p.txt", to_predictions(said, scenes), size_px=1024)

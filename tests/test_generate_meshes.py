@@ -11,9 +11,9 @@ import pytest
 import graspmap.generation.item as item_module
 from graspmap.data import read_scenes
 from graspmap.errors import DatasetNotFoundError, FileError, InvalidInputError
+from graspmap.generation import generate
 from graspmap.generation.catalogue import _taken, divide_meshes
 from graspmap.generation.entries import MeshEntry
-from graspmap.generation.generate import generate
 from graspmap.generation.mesh_folder import find_meshes
 from graspmap.generation.plan import GenerationPlan
 from graspmap.generation.scene_file import find_record, read_record

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
 import torch
 
 from graspmap.data import Split, read_scenes
 from graspmap.data.split import fingerprint
-from graspmap.generation import write_drawn
 from graspmap.inference import WeightsCard, save_weights
 from graspmap.networks import make_network
 
 README = Path(__file__).parents[1] / "README.md"
 
 
-def test_the_ten_lines_run(tmp_path, monkeypatch, capsys):
-    write_drawn(tmp_path / "demo" / "scenes", 2, 0, size=96)
+def test_the_ten_lines_run(generated, tmp_path, monkeypatch, capsys):
+    shutil.copytree(generated, tmp_path / "demo" / "scenes")
     scenes = read_scenes(f"jacquard:{tmp_path / 'demo' / 'scenes'}")
     split = Split({"test": scenes.ids}, "object", 0, fingerprint(scenes))
     split.write(tmp_path / "demo" / "run" / "split.json")

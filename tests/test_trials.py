@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from graspmap.data import read_scenes
+from graspmap.data import Scenes, read_scenes
 from graspmap.errors import FileError, InvalidInputError
 from graspmap.evaluation import (
     TrialPlan,
@@ -56,7 +57,8 @@ def test_labels_of_a_generated_set_hold_when_they_are_tried_again(generated):
     assert failed.score.trials == sum(map(len, negatives.values())) > 0
 
 
-def test_workers_do_not_change_the_result(generated):
+def test_workers_do_not_change_the_result(generated, monkeypatch):
+    monkeypatch.setattr(trials, "SCENES_A_WORKER", 1)
     scenes = scenes_of(generated)
     one, two = (try_grasps(some(scenes), scenes, ALL, workers=w) for w in (1, 2))
     assert one.entries() == two.entries()
@@ -138,31 +140,39 @@ def test_scenes_without_a_record_are_rebuilt_from_their_depth(copy):
     assert result.grippers == ("jacquard",)
 
 
+class Bare(Scenes):
+    """The same pictures in a data set that knows no camera."""
+
+    kind = "bare"
+
+    def __init__(self, scenes):
+        self.root, self.ids, self._scenes = scenes.root, scenes.ids, scenes
+
+    def read(self, index):
+        return replace(self._scenes[index], camera=None, T_world_camera=None)
+
+    def read_grasps(self, _):
+        return None
+
+    def files(self, _):
+        return ()
+
+    def object_id(self, _):
+        return None
+
+
 def test_a_camera_can_be_given_where_there_is_none(copy):
     scenes = scenes_of(copy).subset(scenes_of(copy).ids[:1])
     scene = scenes[0]
 
-    class Bare:  # the same pictures in a data set that knows no camera
-        kind, root, ids = "bare", scenes.root, scenes.ids
-        object_id = staticmethod(lambda index: None)
-        files = staticmethod(lambda index: ())
-
-        @staticmethod
-        def read(index):
-            from dataclasses import replace
-
-            return replace(scene, camera=None, T_world_camera=None)
-
-        def __len__(self):
-            return 1
-
+    bare = Bare(scenes)
     with pytest.raises(InvalidInputError, match="camera is missing"):
-        try_grasps({scene.id: scene.grasps[:1]}, Bare())
+        try_grasps({scene.id: scene.grasps[:1]}, bare)
     wrong = Camera.from_field_of_view(0.5, 100, 100)
     with pytest.raises(InvalidInputError, match="100 x 100"):
-        try_grasps({scene.id: scene.grasps[:1]}, Bare(), TrialPlan(camera=wrong))
+        try_grasps({scene.id: scene.grasps[:1]}, bare, TrialPlan(camera=wrong))
     plan = TrialPlan(camera=scene.camera, top=None)
-    assert try_grasps({scene.id: scene.grasps}, Bare(), plan).score.success > 0.5
+    assert try_grasps({scene.id: scene.grasps}, bare, plan).score.success > 0.5
 
 
 def test_jaws(generated):
@@ -265,6 +275,25 @@ def test_any_detector_can_be_tried(generated):
     assert "too dark" in todo.skipped[scenes.ids[1]]
     result = try_grasps(todo.grasps, scenes, TrialPlan(top=2), skipped=todo.skipped)
     assert result.score.outcomes == {"held": 2, "no_grasp": 1}
+
+
+class WithGripper:
+    """A detector that is told the camera and the gripper."""
+
+    def detect(self, *_, camera=None, gripper=None, **__):
+        self.told = camera, gripper
+        return type("Found", (), {"grasps": Grasps.empty()})()
+
+
+def test_a_detector_knows_the_gripper_that_its_grasps_are_tried_with(generated):
+    scenes, franka = scenes_of(generated), load_gripper("franka")
+    detector = WithGripper()
+    predict_scenes(detector, scenes)
+    assert detector.told == (scenes[2].camera, load_gripper("jacquard"))  # of the scene's record
+    predict_scenes(detector, scenes, gripper=franka)
+    assert detector.told == (scenes[2].camera, franka)
+    predict_scenes(detector, Bare(scenes), gripper=franka)
+    assert detector.told == (None, None)
 
 
 def test_what_lies_beyond_the_horizon_is_a_failure(generated):
@@ -404,5 +433,6 @@ def test_real_jacquard_labels_hold_in_pictures_of_any_size(data_dir):
     # A predictions file speaks of 1024 px, whatever the size of the picture.
     again = file_predictions(in_file_frame(labels.grasps, scenes), scenes)
     assert again.grasps[scenes.ids[0]].center == pytest.approx(labels.grasps[scenes.ids[0]].center)
-    shifted = {name: g.replace(center=g.center + [200, 0]) for name, g in labels.grasps.items()}
+    aside = np.array([200, 0])
+    shifted = {name: g.replace(center=g.center + aside) for name, g in labels.grasps.items()}
     assert try_grasps(shifted, scenes, ALL).score.held < result.score.held

@@ -25,7 +25,7 @@ from graspmap.errors import InvalidInputError
 if TYPE_CHECKING:
     from graspmap.data import Scenes
     from graspmap.evaluation import Evaluation, TrialEvaluation
-    from graspmap.generation.plan import GenerationPlan
+    from graspmap.generation import GenerationPlan
     from graspmap.inference import Detector, WeightsCard
     from graspmap.training import Experiment
 
@@ -33,6 +33,8 @@ _SIDE = 224
 """Side of the generated pictures, pixels."""
 _INPUT = 144
 """Side of the network's input, pixels: small, so that two minutes are enough to learn."""
+_DISTANCE_M = (0.75, 0.9)
+"""From the camera to the table: nearer than Jacquard's, so that small pictures show enough."""
 _CANDIDATES = 200
 """Grasps tried in each scene to label it."""
 _VIEWS = 2
@@ -108,9 +110,12 @@ def run(argv: Sequence[str]) -> int:
 
 
 def _plan(flags: Demo) -> GenerationPlan:
-    from graspmap.generation.plan import GenerationPlan
+    from graspmap.generation import GenerationPlan
     from graspmap.gripper import load_gripper
+    from graspmap.simulation.render import load_randomisation
 
+    usual = load_randomisation()
+    near = usual.camera.model_copy(update={"distance_m": _DISTANCE_M})
     return GenerationPlan(
         scenes=flags.scenes,
         gripper=replace(load_gripper("jacquard"), name="demo", jaw_sizes_m=(_JAW_M,)),
@@ -118,11 +123,12 @@ def _plan(flags: Demo) -> GenerationPlan:
         seed=flags.seed,
         size_px=_SIDE,
         candidates=_CANDIDATES,
+        randomisation=usual.model_copy(update={"camera": near}),
     )
 
 
 def _generate(flags: Demo, data: Path, workers: int) -> None:
-    from graspmap.generation.generate import generate
+    from graspmap.generation import generate
 
     generate(_plan(flags), data, workers=workers, progress=progress)
 

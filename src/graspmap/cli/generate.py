@@ -98,7 +98,7 @@ def run(argv: Sequence[str]) -> int:
     plan = _plan(flags)
     output_folder(flags.out, "--out")
     output_file(flags.json, "--json")
-    from graspmap.generation.generate import generate
+    from graspmap.generation import generate
 
     clock = _Clock()
     workers = flags.workers or os.cpu_count() or 1

@@ -50,7 +50,7 @@ def animate_trials(
     chosen = [
         (tried, tried.placed)
         for outcome in evaluation.score.outcomes
-        for tried in _choose(evaluation, outcome, per_outcome)
+        for tried in choose(evaluation, outcome, per_outcome)
         if tried.placed is not None
     ]
     files = []
@@ -64,8 +64,14 @@ def animate_trials(
     return files
 
 
-def _choose(evaluation: TrialEvaluation, outcome: str, count: int) -> list[TriedGrasp]:
-    """The first of each object, then the first of each scene, then the others."""
+def choose(evaluation: TrialEvaluation, outcome: str, count: int) -> list[TriedGrasp]:
+    """Some trials that ended alike: one of each object, then one of each scene, then others.
+
+    Args:
+        evaluation: The trials.
+        outcome: How they ended.
+        count: How many at most.
+    """
     found = [tried for tried in evaluation.tried if tried.outcome == outcome]
     objects = {tried.object_id or tried.scene: tried for tried in reversed(found)}
     in_scenes = {tried.scene: tried for tried in reversed(found)}

@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import logging
 from collections.abc import Callable, Collection, Mapping, Sequence
+from inspect import signature
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -155,8 +156,9 @@ def detect_in(
         index: Number of the scene.
         top: How many grasps at most.
         method: How to read grasps from maps.
-        gripper: `graspmap.Detector` leaves out what it cannot open for, where the scene has depth
-            and a camera; other detectors are not told.
+        gripper: Detectors whose ``detect`` takes ``camera`` and ``gripper``, as that of
+            `graspmap.Detector`, leave out what it cannot open for, where the scene has both depth
+            and a camera.
 
     Raises:
         InvalidInputError: The scene lacks what the detector needs; the error names it.
@@ -165,9 +167,8 @@ def detect_in(
     scene = scenes.read(index)
     options: dict[str, Any] = {"top": top, "method": method}
     if gripper is not None and scene.camera is not None and scene.depth is not None:
-        from graspmap.inference import Detector
-
-        if isinstance(detector, Detector):
+        known = signature(detector.detect).parameters
+        if "camera" in known and "gripper" in known:
             options |= {"camera": scene.camera, "gripper": gripper}
     try:
         return detector.detect(scene.rgb, scene.depth, **options).grasps

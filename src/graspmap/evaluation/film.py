@@ -21,6 +21,7 @@ from graspmap.simulation.outcomes import Outcome
 from graspmap.simulation.recording import TrialRecording
 from graspmap.simulation.render import Appearance, View, render
 from graspmap.simulation.render.appearance import Colour, Finish, Light, ObjectLook, TableLook
+from graspmap.simulation.render.appearance import Film as FilmStock
 from graspmap.simulation.tabletop import PlacedObject, Tabletop
 
 Floats = NDArray[np.float64]
@@ -159,7 +160,8 @@ def _frame(
     appearance = Appearance(
         objects=(*looks, finger, finger, _plain(_BODY, 0.5)),
         table=TableLook(colours=(_TABLE,) * 3, finish=Finish(roughness=0.9, reflectance=0.02)),
-        light=Light(position_m=_lamp(view), radius_m=0.1),
+        light=Light(position_m=_lamp(recording, view), radius_m=0.06, samples=8),
+        film=FilmStock(exposure=1.3),
     )
     return render(scene, view, appearance).rgb
 
@@ -210,11 +212,11 @@ def _plain(colour: Colour, roughness: float) -> ObjectLook:
     return ObjectLook(colours=(colour,) * 3, finish=finish)
 
 
-def _lamp(view: View) -> tuple[float, float, float]:
-    """Over the camera's left shoulder."""
-    eye, right = view.T_world_camera.translation, view.T_world_camera.rotation[:, 0]
-    x, y, _ = (eye - 0.7 * right).tolist()
-    return x, y, 1.4
+def _lamp(recording: TrialRecording, view: View) -> tuple[float, float, float]:
+    """Over the camera's left shoulder, wherever it stands: what faces the camera is bright."""
+    right, back = view.T_world_camera.rotation[:2, 0], -view.T_world_camera.rotation[:2, 2]
+    x, y = (recording.center_m + 0.8 * back - 0.5 * right).tolist()
+    return x, y, 1.3
 
 
 def _view(tabletop: Tabletop, recording: TrialRecording) -> View:

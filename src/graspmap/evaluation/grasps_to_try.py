@@ -46,7 +46,7 @@ def predict_scenes(
 ) -> GraspsToTry:
     """The best grasps of a detector in every scene.
 
-    `graspmap.Detector` leaves out grasps that the gripper cannot open for, as it would on a robot.
+    `graspmap.Detector` leaves out grasps that the gripper cannot open for, as on a robot.
 
     Args:
         detector: Sees colour and depth, never the mask or the labels.

@@ -34,6 +34,9 @@ from graspmap.gripper import Gripper
 from graspmap.metrics.trial import score_trials
 from graspmap.simulation.trial import run_trials
 
+SCENES_A_WORKER = 4
+"""Less is done before another process has started."""
+
 _SAME_JAW = 1e-3  # relative; labels say jaws in rounded pixels
 _TOLD = 5  # reasons for skipped scenes that are told one by one
 _LOG = logging.getLogger(__name__)
@@ -138,8 +141,9 @@ class _Run:
         self._progress(len(found), len(order))
         todo = [index for index in order if index not in found]
         job = partial(_try_scene, self._scenes, self._plan, self._grasps)
+        processes = min(workers, len(todo) // SCENES_A_WORKER)
         # One worker is this process: it starts at once.
-        processes = 0 if workers == 1 else min(workers, len(todo))
+        processes = 0 if processes < 2 else processes
         with WorkerPool(job, processes) as pool:
             for index in todo:
                 pool.submit(index)

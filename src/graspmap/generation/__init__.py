@@ -1,7 +1,6 @@
-"""Making data sets: scenes with grasps tried in simulation (`graspmap.generation.generate`).
+"""Making data sets: scenes with grasps tried in simulation, in Jacquard's layout.
 
-Drawn scenes with exact grasps, for tests, are here too. Their names load at first use: a worker
-that generates scenes needs none of them.
+Names load at first use: whoever reads the record of a scene needs no worker pool.
 """
 
 from __future__ import annotations
@@ -10,18 +9,32 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from graspmap.generation.drawn import draw_scene, sensor_depth, write_drawn
-    from graspmap.generation.shapes import SHAPES, Shape, random_shape
+    from graspmap.generation.candidates import propose_grasps
+    from graspmap.generation.labels import Labels, label_tabletop
+    from graspmap.generation.plan import GenerationPlan
+    from graspmap.generation.run import generate
+    from graspmap.generation.scene_file import SceneRecord, find_record, read_record
 
-__all__ = ["SHAPES", "Shape", "draw_scene", "random_shape", "sensor_depth", "write_drawn"]
+__all__ = [
+    "GenerationPlan",
+    "Labels",
+    "SceneRecord",
+    "find_record",
+    "generate",
+    "label_tabletop",
+    "propose_grasps",
+    "read_record",
+]
 
 _HOME = {
-    "SHAPES": "shapes",
-    "Shape": "shapes",
-    "draw_scene": "drawn",
-    "random_shape": "shapes",
-    "sensor_depth": "drawn",
-    "write_drawn": "drawn",
+    "GenerationPlan": "plan",
+    "Labels": "labels",
+    "SceneRecord": "scene_file",
+    "find_record": "scene_file",
+    "generate": "run",
+    "label_tabletop": "labels",
+    "propose_grasps": "candidates",
+    "read_record": "scene_file",
 }
 
 

@@ -24,6 +24,7 @@ Floats = NDArray[np.float64]
 
 # Fingers this close to their end stop may have closed on nothing.
 _CLOSED_M = 0.0005
+CALM = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,8 +148,15 @@ class Attempt:
 
     def advance(self, phase: str) -> None:
         """Time goes on until the next look at the state."""
-        mujoco.mj_step(self._model, self._data, self._settings.steps_a_check)
+        mujoco.mj_step(self._model, self._data, self._steps)
         self._look(phase)
+
+    def pace(self, *, calm: bool) -> None:
+        """Long time steps from here on where nothing moves in the hand, short ones otherwise."""
+        settings = self._settings
+        step = settings.timestep_s if calm else settings.fine_timestep_s
+        self._model.opt.timestep = step
+        self._steps = max(1, round(settings.check_s / step))
 
     def _look(self, phase: str) -> None:
         if self._record is not None:
@@ -160,6 +168,7 @@ class Attempt:
         free_s = data.qpos[parts.finger_q[0]] / self._gripper.closing_speed_m_s
         checks = round((free_s + settings.close_extra_s) / settings.check_s)
         still = 0
+        self.pace(calm=False)
         for _ in range(checks):
             self.advance("close")
             self._recent.append(self.forces())
@@ -182,17 +191,17 @@ class Attempt:
         return None
 
     def _lift(self, held: _Held) -> Ending | None:
-        data, settings = self._data, self._settings
-        step, count = settings.timestep_s, settings.steps_a_check
+        data = self._data
         speed = 0.0
-        for rate in settings.lift_accelerations():
-            for _ in range(count if rate else 0):
+        for rate in self._settings.lift_accelerations():
+            step = self._model.opt.timestep
+            for _ in range(self._steps if rate else 0):
                 data.ctrl[2:] = speed + rate * step / 2
                 speed += rate * step
                 mujoco.mj_step(self._model, data)
             if not rate:
                 data.ctrl[2:] = speed
-                mujoco.mj_step(self._model, data, count)
+                mujoco.mj_step(self._model, data, self._steps)
             self._look("lift")
             if held.lost():
                 return self._unstable() or held.verdict()
@@ -211,11 +220,10 @@ class Attempt:
         shake = self._settings.shake
         if shake is None:
             return None
-        gravity, step = self._model.opt.gravity, self._settings.timestep_s
-        steps = self._settings.steps_a_check
-        for check in range(round(shake.duration_s / (steps * step))):
-            for number in range(check * steps, (check + 1) * steps):
-                gravity[:] = shake.gravity(number * step)
+        gravity, check_s = self._model.opt.gravity, self._settings.check_s
+        for check in range(round(shake.duration_s / check_s)):
+            for number in range(self._steps):
+                gravity[:] = shake.gravity((check + number / self._steps) * check_s)
                 mujoco.mj_step(self._model, self._data)
             self._look("shake")
             if held.lost():
@@ -274,7 +282,7 @@ class _Held:
         self._start, self._closed_m, self._force_n = start, closed_m, force_n
         self._body = int(self._world.bodies[index])
         assert self._world.gripper is not None
-        self._base = self._world.gripper.base_q
+        self._base, self._base_v = self._world.gripper.base_q, self._world.gripper.base_v
         point = self._pinch()
         position, turn = self._data.xpos[self._body], self._data.xmat[self._body].reshape(3, 3)
         # The point of the object that lies between the fingers, in the object's own frame.
@@ -319,7 +327,18 @@ class _Held:
     def lost(self) -> bool:
         """Whether the verdict is certain already."""
         self._highest_m = max(self._highest_m, self.rise())
+        self._attempt.pace(calm=self._calm())
         return self.slip() > self._settings.max_slip_m
+
+    def _calm(self) -> bool:
+        """Whether the object neither slides nor turns in the hand, nor the fingers move."""
+        speeds = self._data.qvel
+        fingers, at = self._attempt._parts.finger_v, self._world.body_v[self._index]
+        still = self._settings.stall_speed_m_s
+        turning = float(np.abs(speeds[at + 3 : at + 6]).max())
+        return bool(
+            turning < CALM and (np.abs(speeds[fingers]) < still).all() and self._speed() < still
+        )
 
     def verdict(self, when: str = "") -> Ending:
         """Held or not, and why."""
@@ -360,7 +379,9 @@ class _Held:
         arm = data.xmat[self._body].reshape(3, 3) @ np.cross(
             data.qvel[at + 3 : at + 6], self._point
         )
-        return float(np.linalg.norm(data.qvel[at : at + 3] + arm))
+        arm += data.qvel[at : at + 3]
+        arm[2] -= data.qvel[self._base_v]
+        return float(np.linalg.norm(arm))
 
     def _company(self) -> str:
         others = range(len(self._world.bodies))

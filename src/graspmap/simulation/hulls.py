@@ -10,9 +10,12 @@ from itertools import product
 import numpy as np
 from manifold3d import Manifold
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 Floats = NDArray[np.float64]
 Faces = NDArray[np.int32]
+
+_SAME = 1e-9  # relative; sizes nearer to each other are equal
 
 COMPASS = np.array([d for d in product((-1, 0, 1), repeat=3) if any(d)], dtype=np.float64)
 """(26, 3) directions to the faces, edges and corners of a cube, of length 1 to sqrt(3)."""
@@ -63,6 +66,59 @@ def fewer_vertices(points: Floats, most: int) -> tuple[Floats, float]:
         count = min(most - len(chosen), max(1, len(chosen) // 4))
         order = np.argsort(-worst, kind="stable")[:count]
         chosen = np.union1d(chosen, above.argmax(axis=0)[order])
+
+
+def box_sides(points: Floats) -> Floats:
+    """(3,) sides, ascending, of the smallest box round points (N, 3) that has a face on their hull.
+
+    Of boxes of the same volume the one with the smallest longest side. The smallest box of all
+    need only have two edges on the hull; for bodies with many faces there is no difference.
+
+    References:
+        O'Rourke, "Finding minimal enclosing boxes", International Journal of Computer and
+        Information Sciences 14, 1985.
+    """
+    vertices, faces = hull(points)
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    areas = np.cross(b - a, c - a) / 2
+    sizes = np.sqrt((areas**2).sum(axis=1))
+    real = sizes > 1e-9 * sizes.max()
+    normals = areas[real] / sizes[real][:, None]
+    heights, bounds = np.empty(len(normals)), np.empty(len(normals))
+    for i, normal in enumerate(normals):
+        places = along(vertices, normal)
+        heights[i] = places.max() - places.min()
+        # The shadow of the hull along the normal is no larger than a rectangle round it.
+        bounds[i] = heights[i] * np.abs(along(areas, normal)).sum() / 2
+    best, least = np.zeros(3), np.inf
+    for i in np.argsort(bounds, kind="stable"):
+        if bounds[i] > least * (1 + _SAME):
+            break
+        sides = np.array([*_smallest_rectangle(vertices, normals[i]), heights[i]])
+        size = float(sides.prod())
+        shorter = size <= least * (1 + _SAME) and sides.max() < best.max()
+        if size < least * (1 - _SAME) or shorter:
+            best, least = sides, min(size, least)
+    return np.sort(best)
+
+
+def _smallest_rectangle(points: Floats, normal: Floats) -> tuple[float, float]:
+    """Sides of the smallest rectangle round points (N, 3) seen along a normal."""
+    helper = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    u = np.cross(normal, helper)
+    u /= np.sqrt((u**2).sum())
+    flat = np.column_stack([along(points, u), along(points, np.cross(normal, u))])
+    corners = flat[ConvexHull(flat).vertices]
+    edges = np.roll(corners, -1, axis=0) - corners
+    edges /= np.sqrt((edges**2).sum(axis=1))[:, None]
+    x, y = corners.T[:, :, None]
+    forward = np.ptp(x * edges[:, 0] + y * edges[:, 1], axis=0)
+    across = np.ptp(y * edges[:, 0] - x * edges[:, 1], axis=0)
+    sizes = forward * across
+    # The rectangles on the three sides of a triangle, for one, are all equally large.
+    longest = np.where(sizes <= sizes.min() * (1 + _SAME), np.maximum(forward, across), np.inf)
+    smallest = int(np.argmin(longest))
+    return float(forward[smallest]), float(across[smallest])
 
 
 def along(points: Floats, direction: Floats) -> Floats:

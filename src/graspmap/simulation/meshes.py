@@ -18,6 +18,7 @@ from graspmap.errors import FileFormatError, GraspmapWarning, InvalidInputError,
 from graspmap.gripper import Gripper
 from graspmap.simulation._mend import CannotMendError, Mended, mend
 from graspmap.simulation._mesh_file import MESH_SUFFIXES, RawMesh, read_mesh_file
+from graspmap.simulation.hulls import box_sides
 from graspmap.simulation.objects import ObjectModel, Texture
 from graspmap.simulation.pieces import Method, convex_pieces
 from graspmap.simulation.solids import mass_properties, object_from_solid
@@ -83,8 +84,8 @@ def load_object(
         mass_kg: Its mass; by default volume times density, kept in ``mass_range_kg``.
         density_kg_m3: Density, where the mass is not given.
         mass_range_kg: Least and greatest mass, where it is not given.
-        tolerance_m: How far the hulls of its convex pieces may stand off its surface; at least 0.5 %
-            and at most 5 % of its length.
+        tolerance_m: How far the hulls of its convex pieces may stand off its surface; not below
+            0.5 % or above 5 % of its length.
         method: See `convex_pieces`.
         cache: See `convex_pieces`.
 
@@ -157,10 +158,7 @@ def egad_scale(vertices: ArrayLike, opening_m: float) -> float:
     """
     if not 0 < opening_m < np.inf:
         raise InvalidInputError("opening_m", opening_m, "metres, above 0")
-    import trimesh
-
-    box = trimesh.bounds.oriented_bounds  # the smallest box with a side on the hull
-    sides = np.sort(box(np.asarray(vertices), angle_digits=4)[1])  # type: ignore[no-untyped-call]
+    sides = box_sides(np.asarray(vertices, dtype=np.float64))
     return float(min(opening_m / sides[2], _FLATTEST_SIDE * opening_m / sides[0]))
 
 

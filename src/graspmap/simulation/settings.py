@@ -14,6 +14,8 @@ class TrialSettings(Numerics):
     """Numbers of the simulation; those of `Numerics` come first.
 
     Args:
+        fine_timestep_s: Time step while the fingers close and while the object slides or turns in
+            the hand; ``timestep_s`` is for the calm rest.
         start_margin_m: The fingers begin to close this far outside what lies between them (or at
             the grasp's opening, if that is nearer): nothing happens before.
         start_penetration_m: Convex pieces may reach this far into a finger at the start, where
@@ -34,6 +36,7 @@ class TrialSettings(Numerics):
         InvalidInputError: A number is not finite or out of range.
     """
 
+    fine_timestep_s: float = 0.001
     start_margin_m: float = 0.003
     start_penetration_m: float = 0.002
     stall_speed_m_s: float = 0.004
@@ -50,6 +53,7 @@ class TrialSettings(Numerics):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_range(self, "fine_timestep_s", 1e-5, 0.01)
         check_range(self, "start_margin_m", 0.0, 1.0)
         check_range(self, "start_penetration_m", 0.0, 0.1)
         check_range(self, "stall_speed_m_s", 1e-6, 1.0)
@@ -70,7 +74,7 @@ class TrialSettings(Numerics):
 
         Up to speed, on, and down to standstill; the way is `lift_m` exactly.
         """
-        step = self.steps_a_check * self.timestep_s
+        step = self.check_s
         ramp = max(1, -int(-self.lift_speed_m_s / self.lift_acceleration_m_s2 // step))
         # Over a short way the speed is never reached: both ramps shrink.
         while ramp > 1 and self.lift_speed_m_s * ramp * step > self.lift_m:

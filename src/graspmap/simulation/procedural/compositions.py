@@ -143,7 +143,7 @@ def _legs(length: float, wide: float, high: float, thick: float) -> list[Solid]:
 def _table(draw: Draw) -> Solid:
     length = draw.longest()
     wide, high = length * draw.uniform(0.5, 1), length * draw.uniform(0.4, 0.8)
-    thick = max(length * draw.uniform(0.04, 0.08), draw.ranges.wall_m[0])
+    thick = draw.sturdy(length * draw.uniform(0.04, 0.08))
     board = block(length, wide, thick).moved(z=high - thick / 2)
     if draw.chance(0.25):  # one round leg on a foot
         foot = cylinder(0.3 * wide, thick)
@@ -155,7 +155,7 @@ def _chair(draw: Draw) -> Solid:
     high = draw.longest(0.45)
     seat = high * draw.uniform(0.42, 0.5)
     wide = high * draw.uniform(0.4, 0.5)
-    thick = max(high * draw.uniform(0.04, 0.07), draw.ranges.wall_m[0])
+    thick = draw.sturdy(high * draw.uniform(0.04, 0.07))
     parts = [block(wide, wide, thick).moved(z=seat), *_legs(wide, wide, seat, thick)]
     x = -(wide - thick) / 2
     if draw.chance(0.5):
@@ -205,7 +205,7 @@ def _figure(draw: Draw) -> Solid:
     high = draw.longest(0.3)
     head = 0.085 * high * draw.uniform(0.9, 1.3)
     wide = high * draw.uniform(0.09, 0.13)
-    bone = max(high * draw.uniform(0.03, 0.045), 0.6 * draw.ranges.wall_m[0])
+    bone = draw.sturdy(high * draw.uniform(0.03, 0.045), 2)
     hip, shoulder = 0.48 * high, 0.8 * high
     parts = [
         ball(head).moved(z=high - head),
@@ -329,7 +329,7 @@ def _plane(draw: Draw) -> Solid:
     length = draw.longest()
     radius = length * draw.uniform(0.06, 0.09)
     span = length * draw.uniform(0.35, 0.48)
-    chord, thick = length * draw.uniform(0.12, 0.2), max(0.018 * length, 0.002)
+    chord, thick = length * draw.uniform(0.12, 0.2), draw.sturdy(0.018 * length)
     sweep = draw.uniform(0, 0.25) * length
     parts = [ellipsoid(length / 2, radius, radius)]
 
@@ -348,7 +348,7 @@ def _plane(draw: Draw) -> Solid:
 def _lamp(draw: Draw) -> Solid:
     high = draw.longest(0.5)
     foot = high * draw.uniform(0.2, 0.3)
-    pole = max(high * draw.uniform(0.02, 0.04), 0.6 * draw.ranges.wall_m[0])
+    pole = draw.sturdy(high * draw.uniform(0.02, 0.04), 2)
     shade = high * draw.uniform(0.2, 0.3)
     top = shade * draw.uniform(0.5, 0.8)
     cap = cylinder(shade, 0.35 * high, top).moved(z=0.65 * high)
@@ -365,7 +365,7 @@ def _plug(draw: Draw) -> Solid:
             *((-0.45 * length, j * wide / 3, k * high / 3) for j in (-1, 1) for k in (-1, 1)),
         ]
     )
-    prong = max(0.04 * length, 0.002)
+    prong = draw.sturdy(0.04 * length, 2)
     pins = [
         cylinder(prong, 0.27 * length)
         .turned("y", math.pi / 2)
@@ -390,14 +390,14 @@ def _tap(draw: Draw) -> Solid:
     parts = [pipe, *collars, ball(1.45 * radius), stem]
     if draw.chance(0.5):
         outer = length * draw.uniform(0.17, 0.25)
-        bar = max(0.2 * outer, 0.002)
+        bar = draw.sturdy(0.2 * outer)
         rim = revolve_ring(
             [(outer - bar, -bar / 2), (outer, -bar / 2), (outer, bar / 2), (outer - bar, bar / 2)]
         )
         spokes = [block(2 * outer - bar, bar, 0.8 * bar), block(bar, 2 * outer - bar, 0.8 * bar)]
         parts += [p.moved(z=rise) for p in (rim, *spokes)]
     else:
-        lever = block(0.45 * length, 0.9 * radius, max(0.3 * radius, 0.002))
+        lever = block(0.45 * length, 0.9 * radius, draw.sturdy(0.3 * radius))
         parts.append(lever.moved(0.15 * length, 0, rise))
     return join(parts)
 

@@ -66,6 +66,10 @@ class Draw:
         low, high = self.ranges.wall_m
         return self.even_log(low, max(low, min(high, most)))
 
+    def sturdy(self, thickness: float, share: float = 1) -> float:
+        """The thickness, or more where ``share`` of it would be below the least wall."""
+        return max(thickness, self.ranges.wall_m[0] / share)
+
     def sides(self) -> Range:
         """Middle and shortest side, over the longest, within the ranges' aspect."""
         low, high = self.ranges.aspect

@@ -79,7 +79,7 @@ def _mug(draw: Draw) -> Solid:
     wall = draw.wall(0.2 * radius)
     line = cup_line(draw, height, radius)
     body = hollow(line, wall, 1.3 * wall)
-    thick = max(0.06 * height, draw.ranges.wall_m[0])
+    thick = draw.sturdy(0.06 * height)
     handle = ear(
         line,
         height * draw.uniform(0.15, 0.3),
@@ -99,7 +99,7 @@ def _teacup(draw: Draw) -> Solid:
     wall = draw.wall(0.12 * radius)
     line = bowl_line(radius, depth, 0.45 * radius, 6)
     body = hollow(line, wall, 1.3 * wall)
-    thick = max(0.12 * depth, draw.ranges.wall_m[0])
+    thick = draw.sturdy(0.12 * depth)
     handle = ear(line, 0.4 * depth, 0.88 * depth, 0.4 * depth, thick, thick, wall)
     return join([body, handle])
 
@@ -112,7 +112,7 @@ def _pot(draw: Draw) -> Solid:
     wall = draw.wall(0.15 * radius)
     line = [(0.9 * radius, 0), (radius, 0.1 * radius), (radius, height)]
     reach = width / 2 - radius
-    thick = max(0.25 * reach, draw.ranges.wall_m[0])
+    thick = draw.sturdy(0.25 * reach)
     # A flat ear: its plane is horizontal.
     half = radius * draw.uniform(0.25, 0.4)
     x = math.sqrt((radius - 0.5 * wall) ** 2 - half**2)
@@ -127,11 +127,11 @@ def _pot(draw: Draw) -> Solid:
 def _pan(draw: Draw) -> Solid:
     length = draw.longest()
     radius = length * draw.uniform(0.24, 0.3)
-    height = radius * draw.uniform(0.2, 0.6)
+    height = draw.sturdy(radius * draw.uniform(0.2, 0.6), 0.33)
     wall = draw.wall(0.15 * height)
     line = [(0.8 * radius, 0), (radius - 0.3 * wall, 0.85 * height), (radius, height)]
     body = hollow(line, wall, 1.2 * wall)
-    thick = max(0.02 * length, draw.ranges.wall_m[0])
+    thick = draw.sturdy(0.02 * length, 0.8)
     lift = draw.uniform(0, 0.12) * length
     z = 0.75 * height
     start = radius_at(line, z) - 0.6 * wall
@@ -152,7 +152,7 @@ def _ladle(draw: Draw) -> Solid:
     wall = draw.wall(0.12 * radius)
     line = bowl_line(radius, radius * 0.8, 0.3 * radius, 6)
     body = hollow(line, wall, 1.2 * wall)
-    thick = max(0.018 * length, draw.ranges.wall_m[0])
+    thick = draw.sturdy(0.018 * length, 0.6)
     x, z = radius - 0.5 * wall, 0.7 * radius
     reach = length - 2 * radius
     steep = math.radians(draw.uniform(20, 80))
@@ -172,7 +172,7 @@ def _spoon(draw: Draw) -> Solid:
     line = bowl_line(half, max(0.45 * half, 2.2 * wall), 0.35 * half, 5)
     body = hollow(line, wall, 1.1 * wall).stretched(y=draw.uniform(0.6, 0.8))
     depth = line[-1][1]
-    thick = max(0.012 * length, draw.ranges.wall_m[0])
+    thick = draw.sturdy(0.012 * length, 0.7)
     start, stop = half - 0.8 * wall, length - half
     path = [
         (start + (stop - start) * s, 0, depth - 0.6 * thick + 0.05 * length * math.sin(3 * s))
@@ -191,7 +191,7 @@ def _watering_can(draw: Draw) -> Solid:
     line = [(radius, 0), (radius, height * 0.9), (0.7 * radius, height)]
     body = hollow(line, wall, 1.2 * wall)
     tip = (-(radius + height * draw.uniform(0.5, 0.7)), 0, height * draw.uniform(0.85, 1.1))
-    bore = max(0.07 * height, 1.5 * draw.ranges.wall_m[0])
+    bore = draw.sturdy(0.07 * height, 1.4)
     spout = sweep(
         [(-(radius - 0.6 * wall), 0, 0.25 * height), tip],
         oval(bore, bore),
@@ -199,7 +199,8 @@ def _watering_can(draw: Draw) -> Solid:
         factors=(1.3, 0.7),
     )
     low = [(radius, 0.0), (radius, height)]
-    handle = ear(low, 0.25 * height, 0.8 * height, 0.4 * height, 0.07 * height, 0.09 * height, wall)
+    thick = draw.sturdy(0.07 * height)
+    handle = ear(low, 0.25 * height, 0.8 * height, 0.4 * height, thick, 1.3 * thick, wall)
     return join([body, spout, handle])
 
 
@@ -233,7 +234,7 @@ def _bucket(draw: Draw) -> Solid:
     wall = draw.wall(0.12 * radius)
     line = [(radius * draw.uniform(0.7, 0.95), 0), (radius, height)]
     body = hollow(line, wall, 1.2 * wall)
-    thick = max(0.03 * height, 0.6 * draw.ranges.wall_m[0])
+    thick = draw.sturdy(0.03 * height, 2)
     middle = radius - 0.5 * wall
     rise = height * draw.uniform(0.55, 0.65)
     path = bend((0, 0, height - 0.04 * height), (middle, 0, 0), (0, 0, rise), 0, 180, 16)

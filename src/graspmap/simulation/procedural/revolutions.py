@@ -26,7 +26,8 @@ def hollow(outer: Profile, wall: float, floor: float) -> Solid:
 
 
 def inside(outer: Profile, wall: float, floor: float) -> Points:
-    """The cavity under a wall of one thickness."""
+    """The cavity under a wall of one thickness; its floor lies at most at 0.6 of the height."""
+    floor = min(floor, 0.6 * outer[-1][1])
     line: Points = []
     for i, (r, z) in enumerate(outer):
         (r0, z0), (r1, z1) = outer[max(i - 1, 0)], outer[min(i + 1, len(outer) - 1)]
@@ -81,7 +82,7 @@ def _bowl(draw: Draw) -> Solid:
 def _plate(draw: Draw) -> Solid:
     radius = draw.longest() / 2
     foot = radius * draw.uniform(0.5, 0.65)
-    height = radius * draw.uniform(0.12, 0.25)
+    height = draw.sturdy(radius * draw.uniform(0.12, 0.25), 0.4)
     wall = draw.wall(0.5 * height)
     line = [
         (foot, 0),
@@ -134,15 +135,15 @@ def _vase(draw: Draw) -> Solid:
 def _goblet(draw: Draw) -> Solid:
     height = draw.longest(0.45)
     radius = height * draw.uniform(0.2, 0.28)
-    stem = max(0.0025, height * draw.uniform(0.02, 0.035))
+    stem = draw.sturdy(height * draw.uniform(0.02, 0.035), 1.6)
     bowl = height * draw.uniform(0.4, 0.55)  # its height
     foot = radius * draw.uniform(0.7, 1)
     start = height - bowl
     line = [
         (foot, 0),
-        (foot, 0.01 * height),
-        (0.35 * foot, 0.03 * height),
-        (stem, 0.08 * height),
+        (foot, draw.sturdy(0.01 * height)),
+        (0.35 * foot, draw.sturdy(0.01 * height) + 0.02 * height),
+        (stem, draw.sturdy(0.01 * height) + 0.07 * height),
         (stem, start - 0.05 * height),
     ]
     narrow = draw.uniform(0.8, 1.05)

@@ -39,7 +39,7 @@ def _ring(draw: Draw) -> Solid:
 
 def _torus(draw: Draw) -> Solid:
     outer = draw.longest() / 2
-    tube = max(outer * draw.uniform(0.12, 0.35), 0.002)
+    tube = draw.sturdy(outer * draw.uniform(0.12, 0.35), 1.4)
     path = bend((0, 0, 0), (outer - tube, 0, 0), (0, outer - tube, 0), 0, 360, 48)[:-1]
     return sweep(path, oval(tube, tube * draw.uniform(0.7, 1.3), 16), (0, 0, 1), closed=True)
 

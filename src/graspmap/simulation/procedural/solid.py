@@ -98,6 +98,12 @@ def hull(points: ArrayLike) -> tuple[Floats, Faces]:
     return arrays(Manifold.hull_points(snap(points)))
 
 
+def thickness(points: Floats) -> float:
+    """How thick a piece (P, 3) is in its thinnest direction, about."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1]
+    return float(spread) / math.sqrt(len(points))
+
+
 def join(solids: Iterable[Solid]) -> Solid:
     """The union; its pieces are those of all."""
     parts = list(solids)

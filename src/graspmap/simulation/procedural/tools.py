@@ -111,7 +111,7 @@ def _brush(draw: Draw) -> Solid:
     length = draw.longest()
     radius = draw.width(0.04 * length, 0.09 * length) / 2
     wide = length * draw.uniform(0.12, 0.25)
-    thick = max(0.04 * length, 0.006)
+    thick = draw.sturdy(0.04 * length, 0.4)
     ferrule = length * draw.uniform(0.1, 0.15)
     hair = length * draw.uniform(0.15, 0.25)
     handle = _handle(draw, length - ferrule - hair, radius).moved(0.03 * length)
@@ -129,7 +129,7 @@ def _brush(draw: Draw) -> Solid:
 def _scrubber(draw: Draw) -> Solid:
     """A brush with its bristles across the handle."""
     length = draw.longest()
-    wide, thick = length * draw.uniform(0.12, 0.2), max(0.04 * length, 0.004)
+    wide, thick = length * draw.uniform(0.12, 0.2), draw.sturdy(0.04 * length, 0.6)
     head = length * draw.uniform(0.35, 0.5)
     back = block(head, wide, thick).moved(head / 2)
     hair = block(0.9 * head, 0.85 * wide, length * draw.uniform(0.06, 0.12))
@@ -141,10 +141,10 @@ def _scrubber(draw: Draw) -> Solid:
 def _knife(draw: Draw) -> Solid:
     length = draw.longest()
     grip = length * draw.uniform(0.35, 0.45)
-    high = max(length * draw.uniform(0.06, 0.12), 0.008)
+    high = draw.sturdy(length * draw.uniform(0.06, 0.12), 0.4)
     thick = draw.wall(0.02 * length)
     blade = length - grip
-    spine, edge = 0.5 * thick, 0.05 * thick
+    spine, edge = 0.5 * thick, 0.25 * thick
     profile = [
         (-0.03 * length, 0.5 * high),
         (blade, 0.45 * high),
@@ -183,8 +183,8 @@ def _trowel(draw: Draw) -> Solid:
 def _magnifier(draw: Draw) -> Solid:
     length = draw.longest()
     outer = length * draw.uniform(0.17, 0.24)
-    rim = max(0.12 * outer, draw.ranges.wall_m[0])
-    thick = max(0.2 * outer, 0.004)
+    rim = draw.sturdy(0.12 * outer)
+    thick = draw.sturdy(0.2 * outer, 0.6)
     frame = revolve_ring(
         [
             (outer - rim, -thick / 2),

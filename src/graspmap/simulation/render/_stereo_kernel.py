@@ -22,7 +22,7 @@ _JUMP = 1.0  # of disparity between neighbours, from which on it is an edge
 _NEARER_M = 0.002  # what is in the way is at least so much nearer
 _BLOB_PX = 3.0  # size of holes
 _WAVER_PX = 8.0  # size of the waves of edges
-_EVEN = 2.2  # makes the variance of the patchy noise 1
+_EVEN = 3.296  # makes the variance of the patchy noise 1
 
 
 @compiled

@@ -180,6 +180,19 @@ def _tiles(surface: Floats, x: float, y: float, seed: int, pixel: float) -> Any:
 
 
 @compiled
+def _veins(x: float, y: float, seed: int, pixel: float) -> Any:
+    """How much of a vein of marble a point is, and the tone of the stone around."""
+    warp = flat_noise(1.5 * x, 1.5 * y, seed + 31) - 0.5
+    total = 0.0
+    for k in range(2):
+        size = 1.0 + 1.3 * k
+        cloud = flat_clouds(size * x + warp, size * y - warp, seed + 50 * k, size * pixel, 4)
+        away = abs(2.0 * cloud - 1.0) / (0.05 + 0.16 * flat_noise(x, y, seed + 70 + k))
+        total += (0.75 - 0.35 * k) / (1.0 + away * away * away)
+    return min(total, 1.0), 0.9 + 0.2 * flat_clouds(0.6 * x, 0.6 * y, seed + 9, pixel, 3)
+
+
+@compiled
 def _table_colour(surface: Floats, x: float, y: float, pixel: float) -> Any:
     """Linear red, green, blue of the table at a point (x, y), metres; see `_solid_colour`."""
     pattern, seed, scale = int(surface[PATTERN]), int(surface[SEED]), surface[SCALE]
@@ -195,8 +208,7 @@ def _table_colour(surface: Floats, x: float, y: float, pixel: float) -> Any:
     if pattern == NOISE:
         return _mix(surface, flat_clouds(x, y, seed, pixel, 5), 1.0)
     if pattern == MARBLE:
-        t = wave(0.5 * x + 0.3 * y + 2.4 * flat_clouds(x, y, seed, pixel, 5))
-        return _mix(surface, t * t * t * t, 0.95 + 0.1 * flat_noise(0.5 * x, 0.5 * y, seed + 9))
+        return _mix(surface, *_veins(x, y, seed, pixel))
     if pattern == SPECKLE:
         spot, number = spots(x, y, 0.0, seed, True)
         if spot:

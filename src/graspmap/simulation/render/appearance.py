@@ -290,7 +290,7 @@ def _finish(material: str, polish: float) -> Finish:
 _TABLE_SCALES_M = {
     "plain": (0.2, 0.6),
     "planks": (0.06, 0.14),
-    "cloth": (0.003, 0.008),
+    "cloth": (0.002, 0.006),
     "noise": (0.05, 0.4),
     "tiles": (0.08, 0.25),
     "speckle": (0.008, 0.03),
@@ -341,13 +341,12 @@ def _light(ranges: LightSection, rng: np.random.Generator) -> Light:
     cool = (1.0 - 0.1 * warmth, 1.0, 1.0 + 0.12 * warmth)
     key, fill = rng.uniform(*ranges.key), rng.uniform(*ranges.fill)
     ambient = rng.uniform(*ranges.ambient)
-    other_cos, other_sin = turn(np.radians(rng.uniform(-180, 180)))
     return Light(
         position_m=_rounded(*position),  # type: ignore[arg-type]
         radius_m=_rounded(rng.uniform(*ranges.radius_m))[0],
         samples=ranges.samples,
         key=_rounded(*(key * c for c in tint)),  # type: ignore[arg-type]
-        fill_direction=_rounded(0.8 * other_cos, 0.8 * other_sin, 0.6),  # type: ignore[arg-type]
+        fill_direction=_rounded(-0.8 * cos, -0.8 * sin, 0.6),  # type: ignore[arg-type]
         fill=_rounded(*(fill * c for c in cool)),  # type: ignore[arg-type]
         ambient=_rounded(*(ambient * c for c in cool)),  # type: ignore[arg-type]
     )

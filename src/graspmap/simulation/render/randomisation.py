@@ -190,8 +190,8 @@ class TableSection(Section):
     """
 
     patterns: TablePatternWeights = TablePatternWeights()
-    saturation: Shares = (0.0, 0.55)
-    value: Shares = (0.3, 0.9)
+    saturation: Shares = (0.0, 0.4)
+    value: Shares = (0.35, 0.95)
     contrast: Shares = (0.1, 0.7)
     gloss: Shares = (0.0, 0.4)
 
@@ -208,7 +208,7 @@ class NoiseSection(Section):
         shot: The same at full white; it grows with the root of the light.
     """
 
-    exposure_stops: Stops = (-0.4, 0.3)
+    exposure_stops: Stops = (-0.3, 0.35)
     white_balance: _Share = 0.06
     vignette: Shares = (0.0, 0.25)
     blur_px: Pixels = (0.0, 0.8)

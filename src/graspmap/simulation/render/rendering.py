@@ -27,6 +27,7 @@ Integers = NDArray[np.int32]
 Window = tuple[int, int, int, int]
 
 _BRIGHTEST = 4.0  # linear light at one point of a pixel
+_WHITE = 1.25  # light of a white sheet at exposure 1; bright values are pressed together
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +193,7 @@ def _develop(light: Singles, appearance: Appearance) -> NDArray[np.uint8]:
         key * facing + fill * lamps.fill_direction[2] + ambient
         for key, fill, ambient in zip(lamps.key, lamps.fill, lamps.ambient, strict=True)
     )
-    return _bytes(light, film, 2.7 * film.exposure / full)
+    return _bytes(light, film, _WHITE * film.exposure / full)
 
 
 def _bytes(light: Singles, film: Film, gain: float) -> NDArray[np.uint8]:
