@@ -27,7 +27,9 @@ from studies.sanity import REAL
 
 ABOUT = "agreement with a 0.5 ms step, and the noise of the labels beside it"
 
-FINE = TrialSettings(timestep_s=0.0005, solver_iterations=100, solver_tolerance=1e-10)
+FINE = TrialSettings(
+    timestep_s=0.0005, fine_timestep_s=0.0005, solver_iterations=100, solver_tolerance=1e-10
+)
 NOISE_M, NOISE_RAD = 0.0002, np.radians(0.2)
 
 

@@ -10,7 +10,7 @@ from graspmap.data import read_scenes
 from graspmap.errors import InvalidInputError
 from graspmap.evaluation import TrialPlan, animate_trials, try_grasps
 from graspmap.evaluation.animations import choose
-from graspmap.evaluation.film import HEIGHT_PX, WIDTH_PX, film_trial
+from graspmap.evaluation.film import HEIGHT_PX, WIDTH_PX, film_trial, moments
 from graspmap.evaluation.tabletops import scene_world
 from graspmap.geometry import Grasps
 from graspmap.gripper import load_gripper
@@ -125,22 +125,43 @@ def red(picture):
     return ((r > 90) & (g < 60) & (b < 60)).sum()
 
 
-def test_fingers_that_touch_turn_red(tried):
+def recorded(tried, outcome):
+    """Tabletop, gripper and recording of a grasp that ended so."""
     scenes, result = tried
-    for outcome in result.score.outcomes:
-        grasp = choose(result, outcome, 1)[0]
-        world = scene_world(scenes, scenes.index(grasp.scene))
-        gripper = result.plan.gripper_for(world)
-        recording = record_trial(world.tabletop, grasp.placed.table, gripper)
-        assert recording.result.outcome == grasp.outcome
-        film = film_trial(world.tabletop, gripper, recording)
-        assert len(film.frames) == len(film.durations_ms) == len(film.phases)
-        assert red(film.frames[0]) == 0
-        assert (red(film.frames[-1]) > 50) == (grasp.outcome == "collided")
-        assert film.phases[0] == "descend"
-        if grasp.outcome == "held":
-            assert film.phases[-1] == "hold"
-        if grasp.outcome == "collided":
-            assert set(film.phases) == {"descend"}
-        if grasp.outcome == "empty":
-            assert film.phases[-1] == "close"
+    grasp = choose(result, outcome, 1)[0]
+    world = scene_world(scenes, scenes.index(grasp.scene))
+    gripper = result.plan.gripper_for(world)
+    recording = record_trial(world.tabletop, grasp.placed.table, gripper)
+    assert recording.result.outcome == outcome
+    return world.tabletop, gripper, recording
+
+
+def test_fingers_that_touch_turn_red(tried):
+    film = film_trial(*recorded(tried, "collided"))
+    assert len(film.frames) == len(film.durations_ms) == len(film.phases)
+    assert red(film.frames[0]) == red(film.frames[-2]) == 0
+    assert red(film.frames[-1]) > 50
+
+
+@pytest.mark.parametrize(
+    ("outcome", "phases"),
+    [
+        ("held", ["descend", "close", "lift", "hold"]),
+        ("collided", ["descend"]),
+        ("empty", ["descend", "close"]),
+    ],
+)
+def test_what_is_shown(tried, outcome, phases):
+    _, gripper, recording = recorded(tried, outcome)
+    shown = moments(recording, gripper)
+    assert list(dict.fromkeys(moment.phase for moment in shown)) == phases
+    down = [moment.tips_m for moment in shown if moment.phase == "descend"]
+    assert (np.diff(down) < 0).all()  # nothing jumps up on the way down
+    openings = [moment.fingers_m[1] - moment.fingers_m[0] for moment in shown]
+    assert openings[0] == pytest.approx(recording.result.opening_m)
+    assert openings[-1] <= openings[0] + 1e-6
+    if outcome == "held":
+        assert shown[-1].number == len(recording) - 1
+        assert shown[-1].tips_m > down[-1] + 0.05
+    if outcome == "empty":
+        assert openings[-1] == pytest.approx(gripper.min_opening_m, abs=1e-3)

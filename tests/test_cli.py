@@ -193,6 +193,19 @@ def test_detect_writes_what_it_says(capsys, weights, pictures, tmp_path):
     assert cv2.imread(str(tmp_path / "new" / "o.png")).shape[2] == 3
 
 
+def test_detect_for_a_gripper(capsys, weights, pictures, tmp_path):
+    camera = tmp_path / "camera.json"
+    camera.write_text(json.dumps({"fx": 80, "fy": 80, "cx": 40, "cy": 30, "width": 80,
+                                  "height": 60}))  # fmt: skip
+    words = ("detect", "--weights", weights, "--depth", pictures / "depth.tiff", "--top", 5,
+             "--threshold", -9, "--gripper", "franka")  # fmt: skip
+    code, out, _ = run(capsys, *words, "--camera", camera, "--json", "-")
+    assert code == 0
+    assert all(grasp["width_m"] <= 0.08 for grasp in json.loads(out)["grasps"])
+    assert "only with --camera and --depth" in refused(capsys, *words)
+    assert "'franka'" in refused(capsys, *words[:-1], "frank", "--camera", camera)
+
+
 def test_results_are_refused_a_bad_place_before_the_work(capsys, weights, pictures, tmp_path):
     (tmp_path / "file").write_text("")
     words = ("detect", "--weights", weights, "--depth", pictures / "depth.tiff", "--json")

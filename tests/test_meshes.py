@@ -11,6 +11,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from graspmap.errors import (
@@ -194,10 +195,19 @@ class TestEgadScale:
         assert egad_scale(points, 0.1) == pytest.approx(egad_scale(turned, 0.1), rel=1e-6)
 
     @pytest.mark.parametrize("seed", range(3))
-    def test_box_agrees_with_trimesh(self, seed):
-        points = np.random.default_rng(seed).normal(size=(60, 3)) * (1, 0.5, 0.3)
-        expected = trimesh.bounds.oriented_bounds(points, angle_digits=5)[1]
-        assert box_sides(points) == pytest.approx(np.sort(expected), rel=1e-3)
+    def test_box_agrees_with_trying_all(self, seed):
+        """Every face of the hull, and on it every edge of the shadow."""
+        points = np.random.default_rng(seed).normal(size=(30, 3)) * (1, 0.5, 0.3)
+        boxes = []
+        for normal in ConvexHull(points).equations[:, :3]:
+            turned = points @ Rotation.align_vectors([0, 0, 1], normal)[0].as_matrix().T
+            shadow = turned[:, :2][ConvexHull(turned[:, :2]).vertices]
+            for x, y in np.roll(shadow, 1, axis=0) - shadow:
+                across = turned[:, :2] @ np.array([[x, -y], [y, x]]) / np.hypot(x, y)
+                boxes.append(np.sort([*np.ptp(across, axis=0), np.ptp(turned[:, 2])]))
+        assert box_sides(points) == pytest.approx(min(boxes, key=np.prod))
+        with_trimesh = trimesh.bounds.oriented_bounds(points)[1]
+        assert box_sides(points).prod() <= with_trimesh.prod() * (1 + 1e-9)
 
     def test_refuses(self):
         with pytest.raises(InvalidInputError, match="opening_m"):

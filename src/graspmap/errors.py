@@ -104,6 +104,20 @@ class ConfigError(FileFormatError):
         super().__init__(path, f"{key}: {problem}", remedy)
 
 
+class MissingExtraError(GraspmapError, ImportError):
+    """A feature needs a package that only an extra installs.
+
+    Attributes:
+        feature: What was asked for.
+        package: The package that is missing.
+        extra: The extra of graspmap that installs it.
+    """
+
+    def __init__(self, feature: str, package: str, extra: str) -> None:
+        self.feature, self.package, self.extra = feature, package, extra
+        super().__init__(f"{feature} needs {package}; pip install 'graspmap[{extra}]'")
+
+
 class StorageFullError(FileError, OSError):
     """The disk ran full while writing."""
 

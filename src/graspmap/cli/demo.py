@@ -35,6 +35,8 @@ _INPUT = 144
 """Side of the network's input, pixels: small, so that two minutes are enough to learn."""
 _DISTANCE_M = (0.75, 0.9)
 """From the camera to the table: nearer than Jacquard's, so that small pictures show enough."""
+_LOOK_AT_M = 0.08
+"""How far from the object the camera looks: else the picture's centre would always be right."""
 _CANDIDATES = 200
 """Grasps tried in each scene to label it."""
 _VIEWS = 2
@@ -115,7 +117,7 @@ def _plan(flags: Demo) -> GenerationPlan:
     from graspmap.simulation.render import load_randomisation
 
     usual = load_randomisation()
-    near = usual.camera.model_copy(update={"distance_m": _DISTANCE_M})
+    near = usual.camera.model_copy(update={"distance_m": _DISTANCE_M, "look_at_m": _LOOK_AT_M})
     return GenerationPlan(
         scenes=flags.scenes,
         gripper=replace(load_gripper("jacquard"), name="demo", jaw_sizes_m=(_JAW_M,)),

@@ -87,21 +87,28 @@ def film_trial(tabletop: Tabletop, gripper: Gripper, recording: TrialRecording) 
         gripper: The gripper.
         recording: The trial.
     """
-    moments = _moments(recording, gripper)
+    shown = moments(recording, gripper)
     view = _view(tabletop, recording)
     touched = recording.result.outcome is Outcome.COLLIDED
     frames = [
-        _frame(tabletop, gripper, recording, moment, view, red=touched and moment is moments[-1])
-        for moment in moments
+        _frame(tabletop, gripper, recording, moment, view, red=touched and moment is shown[-1])
+        for moment in shown
     ]
     durations = [_FRAME_MS] * len(frames)
     durations[0], durations[-1] = _FIRST_MS, _LAST_MS
-    return Film(tuple(frames), tuple(durations), tuple(moment.phase for moment in moments))
+    return Film(tuple(frames), tuple(durations), tuple(moment.phase for moment in shown))
 
 
 @dataclass(frozen=True, eq=False)
-class _Moment:
-    """Where everything is at one time."""
+class Moment:
+    """Where everything is at one time.
+
+    Attributes:
+        number: Moment of the recording that says where the objects are.
+        phase: What the gripper does.
+        fingers_m: Inner faces of the left and the right finger, along the opening.
+        tips_m: Height of the finger tips.
+    """
 
     number: int
     phase: str
@@ -109,42 +116,47 @@ class _Moment:
     tips_m: float
 
 
-def _moments(recording: TrialRecording, gripper: Gripper) -> list[_Moment]:
-    """What is shown: the way down, and some of the moments after it, the last one always."""
+def moments(recording: TrialRecording, gripper: Gripper) -> list[Moment]:
+    """What is shown: the way down, and some of the moments after it, the last one always.
+
+    Args:
+        recording: The trial.
+        gripper: The gripper.
+    """
     step = _SLOWER * _FRAME_MS / 1000
     down = recording.phases.count("descend")
     last = _moment(recording, down - 1)
     # Nothing is simulated on the way down: it may begin higher, and take longer.
     start = float(recording.tips_m[0]) + _HIGHER_M
-    moments = [
-        _Moment(last.number, "descend", last.fingers_m, tips)
+    chosen = [
+        Moment(last.number, "descend", last.fingers_m, tips)
         for tips in np.linspace(start, last.tips_m, _WAY_DOWN).tolist()
     ]
     after = len(recording) - down
     if after:
         seconds = float(recording.times_s[-1] - recording.times_s[down - 1])
         shown = np.linspace(down, len(recording) - 1, max(1, round(seconds / step)))
-        moments += [_moment(recording, int(number)) for number in np.unique(shown.round())]
+        chosen += [_moment(recording, int(number)) for number in np.unique(shown.round())]
     elif recording.result.outcome is Outcome.EMPTY:
         half, closed = last.fingers_m[1], gripper.min_opening_m / 2
         frames = max(2, round((half - closed) / gripper.closing_speed_m_s / step))
-        moments += [
-            _Moment(last.number, "close", (-place, place), last.tips_m)
+        chosen += [
+            Moment(last.number, "close", (-place, place), last.tips_m)
             for place in np.linspace(half, closed, frames + 1)[1:].tolist()
         ]
-    return moments
+    return chosen
 
 
-def _moment(recording: TrialRecording, number: int) -> _Moment:
+def _moment(recording: TrialRecording, number: int) -> Moment:
     left, right = recording.finger_places_m[number].tolist()
-    return _Moment(number, recording.phases[number], (left, right), float(recording.tips_m[number]))
+    return Moment(number, recording.phases[number], (left, right), float(recording.tips_m[number]))
 
 
 def _frame(
     tabletop: Tabletop,
     gripper: Gripper,
     recording: TrialRecording,
-    moment: _Moment,
+    moment: Moment,
     view: View,
     *,
     red: bool,
@@ -160,14 +172,14 @@ def _frame(
     appearance = Appearance(
         objects=(*looks, finger, finger, _plain(_BODY, 0.5)),
         table=TableLook(colours=(_TABLE,) * 3, finish=Finish(roughness=0.9, reflectance=0.02)),
-        light=Light(position_m=_lamp(recording, view), radius_m=0.06, samples=8),
-        film=FilmStock(exposure=1.3),
+        light=_light(recording, view),
+        film=FilmStock(exposure=1.25),
     )
     return render(scene, view, appearance).rgb
 
 
 def _hand(
-    gripper: Gripper, recording: TrialRecording, moment: _Moment
+    gripper: Gripper, recording: TrialRecording, moment: Moment
 ) -> tuple[PlacedObject, PlacedObject, PlacedObject]:
     """Left and right finger, palm."""
     length, thick = gripper.finger_length_m, gripper.finger_thickness_m
@@ -212,11 +224,18 @@ def _plain(colour: Colour, roughness: float) -> ObjectLook:
     return ObjectLook(colours=(colour,) * 3, finish=finish)
 
 
-def _lamp(recording: TrialRecording, view: View) -> tuple[float, float, float]:
-    """Over the camera's left shoulder, wherever it stands: what faces the camera is bright."""
-    right, back = view.T_world_camera.rotation[:2, 0], -view.T_world_camera.rotation[:2, 2]
-    x, y = (recording.center_m + 0.8 * back - 0.5 * right).tolist()
-    return x, y, 1.3
+def _light(recording: TrialRecording, view: View) -> Light:
+    """A lamp over the camera's left shoulder, and one at the camera that throws no shadow."""
+    right, back = view.T_world_camera.rotation[:, 0], -view.T_world_camera.rotation[:, 2]
+    x, y = (recording.center_m + 0.6 * back[:2] - 0.5 * right[:2]).tolist()
+    fill_x, fill_y, fill_z = back.tolist()
+    return Light(
+        position_m=(x, y, 1.3),
+        radius_m=0.06,
+        samples=8,
+        fill_direction=(fill_x, fill_y, fill_z),
+        fill=(0.45, 0.45, 0.45),
+    )
 
 
 def _view(tabletop: Tabletop, recording: TrialRecording) -> View:

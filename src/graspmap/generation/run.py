@@ -19,6 +19,7 @@ from graspmap.generation.item import Attempt, Rejected, make_item
 from graspmap.generation.ledger import SPLIT, Ledger
 from graspmap.generation.mesh_folder import MeshFile, find_meshes, prepare_mesh
 from graspmap.generation.plan import GenerationPlan
+from graspmap.generation.scene_file import versions
 from graspmap.generation.workers import Answer, WorkerDiedError, WorkerPool
 
 ATTEMPTS = 5
@@ -73,7 +74,11 @@ def generate(
     root = Path(root)
     progress = progress or _quietly
     files = [] if plan.procedural else find_meshes(Path(plan.objects))
-    values = {**plan.to_dict(), "meshes": {file.name: file.hash for file in files}}
+    values = {
+        **plan.to_dict(),
+        "meshes": {file.name: file.hash for file in files},
+        "versions": versions(),
+    }
     with locked(root, "generation"):
         with progress("comparing finished scenes") as update:
             ledger = Ledger(root, values, plan.views_of, update)

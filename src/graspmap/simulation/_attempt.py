@@ -24,7 +24,8 @@ Floats = NDArray[np.float64]
 
 # Fingers this close to their end stop may have closed on nothing.
 _CLOSED_M = 0.0005
-CALM = 0.2
+# An object that turns more slowly than this, rad/s, lies still in the hand.
+_CALM_RAD_S = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +91,7 @@ class Attempt:
         self._finger[self._parts.geoms] = (0, 1)
         # What the fingers pressed on at the last looks; at a single one a contact may be missing.
         self._recent: deque[Floats] = deque(maxlen=settings.stall_checks)
+        self._steps = settings.steps_a_check
 
     def run(self, start: Start) -> Ending:
         """Everything from closing to the verdict."""
@@ -97,6 +99,7 @@ class Attempt:
         if ending is not None:
             return ending
         closed_m, (index, force) = self._opening(), self._grasped()
+        self._recent.clear()
         if index is None:
             return self._closed_on_nothing()
         held = _Held(self, index, start, closed_m, force)
@@ -209,6 +212,7 @@ class Attempt:
         return None
 
     def _hold(self, held: _Held) -> Ending | None:
+        self._recent.clear()
         for _ in range(round(self._settings.hold_s / self._settings.check_s)):
             self.advance("hold")
             self._recent.append(self.forces())
@@ -259,7 +263,7 @@ class Attempt:
 
     def pressed(self) -> Floats:
         """(2, B) greatest force of each finger on each object at the last looks."""
-        return np.asarray(np.max(self._recent, axis=0))
+        return np.asarray(np.max([*self._recent, self.forces()], axis=0))
 
     def on_table(self, index: int) -> bool:
         """Whether an object touches the table."""
@@ -337,7 +341,9 @@ class _Held:
         still = self._settings.stall_speed_m_s
         turning = float(np.abs(speeds[at + 3 : at + 6]).max())
         return bool(
-            turning < CALM and (np.abs(speeds[fingers]) < still).all() and self._speed() < still
+            turning < _CALM_RAD_S
+            and (np.abs(speeds[fingers]) < still).all()
+            and self._speed() < still
         )
 
     def verdict(self, when: str = "") -> Ending:

@@ -133,6 +133,11 @@ def compile_world(
         InvalidInputError: MuJoCo can make no bodies of the objects' pieces, masses or inertias.
     """
     spec = _empty(numerics)
+    if len(objects) > 1:
+        # Things that do not touch are solved apart: more than twice as quick with six objects, a
+        # little slower with one.
+        spec.option.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
+        spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
     table = spec.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_PLANE)
     table.size = [1, 1, 0.1]
     table.contype = table.conaffinity = _TABLE

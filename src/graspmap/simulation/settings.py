@@ -45,7 +45,7 @@ class TrialSettings(Numerics):
     lift_m: float = 0.08
     lift_speed_m_s: float = 0.25
     lift_acceleration_m_s2: float = 2.0
-    hold_s: float = 0.15
+    hold_s: float = 0.1
     max_slip_m: float = 0.03
     max_speed_m_s: float = 0.03
     left_table_m: float = 0.01

@@ -20,7 +20,7 @@ from fast_simplification import simplify
 from scipy import ndimage
 from skimage.measure import marching_cubes
 
-from graspmap.simulation.procedural.cuts import pieces_by_cuts
+from graspmap.simulation.procedural.blob_pieces import pieces_by_cuts
 from graspmap.simulation.procedural.draw import Draw
 from graspmap.simulation.procedural.solid import Faces, Floats, Solid, arrays, manifold, snap
 

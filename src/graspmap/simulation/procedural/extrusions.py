@@ -109,7 +109,9 @@ def _profile(draw: Draw) -> Solid:
     """A bar with the section of an L, T, U, Z, I or cross."""
     length = draw.longest()
     wide = draw.width(0.05 * length, 0.5 * length)
-    wall = draw.wall(0.3 * wide) if draw.chance(0.5) else draw.sturdy(wide * draw.uniform(0.15, 0.3))
+    wall = (
+        draw.wall(0.3 * wide) if draw.chance(0.5) else draw.sturdy(wide * draw.uniform(0.15, 0.3))
+    )
     high = wide * draw.uniform(0.5, 1)
     left, middle = _box(0, 0, wall, high), _box((wide - wall) / 2, 0, (wide + wall) / 2, high)
     bottom, top = _box(0, 0, wide, wall), _box(0, high - wall, wide, high)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -24,12 +24,13 @@ from graspmap.simulation.procedural import (
 )
 from graspmap.simulation.procedural.draw import Draw
 from graspmap.simulation.procedural.ranges import ObjectRanges
-from graspmap.simulation.procedural.solid import Solid, volume
+from graspmap.simulation.procedural.solid import Solid, thickness, volume
 from graspmap.simulation.solids import object_from_solid
 
 Builder = Callable[[Draw], Solid]
 
 _ATTEMPTS = 50
+_THINNEST_PIECE_M = 2e-5  # thinner ones, between nearly straight corners, are left out
 
 
 @dataclass(frozen=True)
@@ -111,8 +112,9 @@ def _built(build: Builder, draw: Draw) -> Solid:
     """The first sound solid out of the stream; nearly always the first at all."""
     for _ in range(_ATTEMPTS):
         solid = _within(build(draw), draw)
-        if _sound(solid):
-            return solid
+        pieces = tuple(p for p in solid.pieces if thickness(p) > _THINNEST_PIECE_M)
+        if _sound(solid) and pieces:
+            return replace(solid, pieces=pieces)
     raise GraspmapError(
         f"no sound object in {_ATTEMPTS} attempts with {draw.ranges}; choose wider ranges"
     )

@@ -37,7 +37,7 @@ def light_numbers(light: Floats) -> Any:
 
 
 @compiled
-def _surroundings(x: float, y: float, z: float, rough: float) -> Any:
+def surroundings(x: float, y: float, z: float, rough: float) -> Any:
     """How much of the sky and of the table a mirror sees in a direction, in a room with a window.
 
     Args:
@@ -116,7 +116,7 @@ def shaded(
     view = max(n[0] * eye[0] + n[1] * eye[1] + n[2] * eye[2], 1e-3)
     shine = _highlight(n, (lx, ly, lz), eye, facing, view, rough) * lamp
     rx, ry, rz = 2.0 * view * n[0] - eye[0], 2.0 * view * n[1] - eye[1], 2.0 * view * n[2] - eye[2]
-    up, down = _surroundings(rx, ry, rz, rough)
+    up, down = surroundings(rx, ry, rz, rough)
     up, down = up * open_, down * open_
     grazing = (1.0 - view) * (1.0 - view)
     grazing = grazing * grazing * (1.0 - view) * (1.0 - 0.7 * rough)

@@ -27,7 +27,7 @@ Integers = NDArray[np.int32]
 Window = tuple[int, int, int, int]
 
 _BRIGHTEST = 4.0  # linear light at one point of a pixel
-_WHITE = 1.25  # light of a white sheet at exposure 1; bright values are pressed together
+_WHITE = 2.7  # light of a white sheet at exposure 1; above 0.7 it is pressed together, below 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ def render(tabletop: Tabletop, view: View, appearance: Appearance) -> Rendering:
     light = _colour(scene, shape, seen, hits)
     _smooth_edges(scene, window, instance, light)
     return Rendering(
-        rgb=_develop(light, appearance),
+        rgb=develop(light, appearance),
         depth=np.where(missed, np.nan, depth).astype(np.float32),
         mask=instance >= 0,
         normals=normals,
@@ -179,7 +179,7 @@ def _smooth_edges(
     light.reshape(-1, 3)[edges] = 0.25 * total.T
 
 
-def _develop(light: Singles, appearance: Appearance) -> NDArray[np.uint8]:
+def develop(light: Singles, appearance: Appearance) -> NDArray[np.uint8]:
     """(H, W, 3) bytes from linear light."""
     film, lamps = appearance.film, appearance.light
     # The blur as a share of light for each neighbour: its variance is twice that share.

@@ -1,8 +1,9 @@
-"""Nearly convex pieces of any closed surface, by cutting it with planes.
+"""Nearly convex pieces of a blob, by cutting it with planes.
 
-For bodies whose construction gives no pieces. Each cut is the one, out of a fixed set, after which
-the hulls of both sides are smallest; a part is done when nowhere is its surface far inside its
-hull. The same bits everywhere, and about ten times quicker than a search over sequences of cuts.
+For bodies whose construction gives no pieces, and whose smooth, evenly meshed surface says at each
+face how far the hull is: along its normal. Each cut is the one, out of a fixed set, after which the
+hulls of both sides are smallest. `graspmap.simulation.cuts` does the same for any mesh, and takes
+five times as long.
 
 Letters in shapes: V vertices, F triangles, N points.
 """
