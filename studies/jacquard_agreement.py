@@ -115,6 +115,7 @@ def run(
     out: Path | None = None,
     negatives: int = 64,
     labels: int = 0,
+    friction: float | None = None,
     sweep: bool = False,
     workers: int = 1,
     seed: int = 0,
@@ -128,6 +129,7 @@ def run(
         out: Where to write the figures as JSON, and pictures of the disagreements.
         negatives: Presumed failures of each kind, for each scene.
         labels: Labels of each scene, drawn at random; 0 for all.
+        friction: Of the finger pads, instead of the profile's.
         sweep: Compare settings on the choosing objects instead.
         workers: Processes.
         seed: Scene i draws from (seed, i).
@@ -149,12 +151,15 @@ def run(
         found = [dict(zip(columns, row, strict=True)) for row in rows]
         write(out, f"jacquard_sweep_{depth}", {"seed": seed, "settings": found})
         return
-    trials = _try_all(scenes, range(len(scenes)), Setting(use_mask=mask), amount, workers)
+    changed = {} if friction is None else {"friction": friction}
+    setting = Setting(gripper=changed, use_mask=mask)
+    trials = _try_all(scenes, range(len(scenes)), setting, amount, workers)
     result = report(trials, objects)
     for what, rows in result.items():
         print(f"\n{what}")
         table(list(rows[0]), [list(row.values()) for row in rows])
     name = f"jacquard_{depth}" + ("" if mask else "_no_mask")
+    name += "" if friction is None else f"_friction_{friction:g}"
     write(out, name, {"seed": seed, "negatives": negatives, "labels": labels, **result})
     if out is not None:
         picture_sheets(out, name, scenes, trials)

@@ -65,7 +65,7 @@ class Demo:
     """Folder for everything."""
     scenes: Annotated[int, option("N", "default: 240")] = 240
     """How many scenes to generate, at least 20; a fifth of them is held out for the test."""
-    epochs: Annotated[int, option("N", "default: 16")] = 16
+    epochs: Annotated[int, option("N", "default: 24")] = 24
     """How long to train; more epochs give better grasps."""
     seed: Annotated[int, option("N", "default: 0")] = 0
     """Seed of the scenes and of the training."""

@@ -29,7 +29,8 @@ from graspmap.simulation.tabletop import Tabletop
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
-_VARIANT = "scalar_rgb"  # the others need LLVM or a GPU
+# The LLVM variants are quicker, but end the whole process where the system's LLVM is too old.
+_VARIANT = "scalar_rgb"
 _TABLE_M = 6.0  # side of the table
 _BAKED_M = 1.6  # side of its part that has a pattern; beyond, the pattern is mirrored
 _LONGEST_PX = 3.0  # edges of triangles that carry a pattern
@@ -76,9 +77,11 @@ def photo(
     picture = render(tabletop, view, appearance)
     before = mitsuba.variant()
     mitsuba.set_variant(_VARIANT)
+    # It warns that it rounds the number of samples up.
+    mitsuba.set_log_level(mitsuba.LogLevel.Error)
     try:
         scene = mitsuba.load_dict(_scene(mitsuba, tabletop, view, appearance, samples))
-        light = np.array(mitsuba.render(scene, spp=samples, seed=seed), dtype=np.float32)
+        light = np.array(mitsuba.render(scene, spp=samples, seed=mitsuba.UInt32(seed)), dtype=np.float32)
     finally:
         if before is not None:
             mitsuba.set_variant(before)
@@ -91,7 +94,7 @@ def _without_specks(light: Singles) -> Singles:
     from scipy.ndimage import median_filter
 
     around = median_filter(light, size=(3, 3, 1), mode="nearest")
-    return np.minimum(light, _SPECK * around + 0.02).astype(np.float32)
+    return np.asarray(np.minimum(light, _SPECK * around + 0.02), dtype=np.float32)
 
 
 def _scene(
@@ -113,9 +116,7 @@ def _scene(
     for number in range(len(tabletop.objects)):
         texture = tabletop.objects[number].model.texture
         image = None if texture is None else texture.image
-        scene[f"object{number}"] = _object(
-            mi, geometry, surfaces, appearance, eye, number, image
-        )
+        scene[f"object{number}"] = _object(mi, geometry, surfaces, appearance, eye, number, image)
     return scene
 
 
@@ -130,8 +131,8 @@ def _sensor(mi: Any, view: View, samples: int) -> dict[str, Any]:
         "fov_axis": "x",
         "near_clip": 0.01,
         "far_clip": 100.0,
-        "principal_point_offset_x": (camera.cx - (width - 1) / 2) / width,
-        "principal_point_offset_y": (camera.cy - (height - 1) / 2) / height,
+        "principal_point_offset_x": ((width - 1) / 2 - camera.cx) / width,
+        "principal_point_offset_y": ((height - 1) / 2 - camera.cy) / height,
         "to_world": mi.ScalarTransform4f(pose),
         "film": {
             "type": "hdrfilm",
@@ -217,12 +218,11 @@ def _material(finish: Finish, colour: dict[str, Any], tint: Any) -> dict[str, An
     return {
         "type": "twosided",
         "material": {
-            "type": "roughplastic",
-            "distribution": "ggx",
-            "alpha": max(finish.roughness**2, 0.01),
-            "diffuse_reflectance": colour,
-            # Of a body with a refractive index of 1.5, 4 percent come straight back.
-            "specular_reflectance": min(finish.reflectance / 0.04, 1.0),
+            "type": "principled",
+            "base_color": colour,
+            "roughness": max(finish.roughness, 0.05),
+            # Of this scale 0.5 stands for a reflectance of 4 percent.
+            "specular": min(max(finish.reflectance * 12.5, 0.01), 1.0),
         },
     }
 
@@ -230,7 +230,8 @@ def _material(finish: Finish, colour: dict[str, Any], tint: Any) -> dict[str, An
 def _table(mi: Any, surfaces: Surfaces, appearance: Appearance) -> dict[str, Any]:
     side = 1024
     place = ((np.arange(side) + 0.5) / side - 0.5) * _BAKED_M
-    x, y = np.meshgrid(place, place[::-1])
+    # Mitsuba's pictures begin below: v = 0 is their first row.
+    x, y = np.meshgrid(place, place)
     point = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)])
     colours = np.empty_like(point)
     pixel = np.full(x.size, _BAKED_M / side)
@@ -263,7 +264,7 @@ def _object(
     look, mine = appearance.objects[number], geometry.owner == number
     faces = geometry.faces[mine]
     corners, normals = geometry.world[faces], geometry.corners[mine]
-    uv, colours = geometry.uv[faces].reshape(-1, 2), None
+    uv, colours = geometry.uv[faces].reshape(-1, 2) * [1, -1] + [0, 1], None
     colour = _rgb(look.colours[0])
     if look.pattern == "picture" and image is not None:
         light = np.empty((image.shape[0] * image.shape[1], 3), np.float32)
