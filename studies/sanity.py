@@ -184,7 +184,7 @@ def refused_by_physics(gripper: Gripper, mass_kg: float) -> list[Case]:
     gentle = shapes.wedge(steep - np.radians(12), 0.03)
     slanted = shapes.wedge(steep + np.radians(6), 0.03)
     roof = (0.09, 0.1)
-    cases = [
+    return [
         Case("wedge 12 deg below the friction angle", gentle, mass_kg,
              at(0, 0, up, roof, turn_rad=0.0), True, gripper),
         Case("wedge 6 deg beyond the friction angle", slanted, mass_kg,
@@ -205,7 +205,6 @@ def refused_by_physics(gripper: Gripper, mass_kg: float) -> list[Case]:
              at(0, 0, up, (0.052, 0.07), (0.02,)), False, slippery,
              "friction bears less than its weight"),
     ]  # fmt: skip
-    return cases
 
 
 def run(*, out: Path | None = None, seed: int = 0, tries: int = 100) -> None:

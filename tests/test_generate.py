@@ -19,6 +19,7 @@ import pytest
 
 import graspmap.generation.item as item_module
 from graspmap.cli import main
+from graspmap.cli.progress import progress
 from graspmap.data import read_scenes, read_split
 from graspmap.data.files import read_rgb
 from graspmap.data.jacquard_labels import read_negatives
@@ -28,6 +29,7 @@ from graspmap.errors import (
     StorageFullError,
     UnknownNameError,
 )
+from graspmap.files import locked
 from graspmap.generation import generate
 from graspmap.generation import run as run_module
 from graspmap.generation.ledger import file_hash
@@ -252,13 +254,15 @@ def test_a_full_disk_stops_it_and_it_goes_on_later(made, tmp_path, monkeypatch):
     assert snapshot(tmp_path) == snapshot(made)
 
 
-def test_another_plan_or_a_second_run_is_refused(made):
+def test_another_plan_or_a_second_run_is_refused(made, monkeypatch):
     before = snapshot(made)
     changed = replace(PLAN, seed=4, gripper=replace(GRIPPER, force_n=20))
     with pytest.raises(FileError, match=r"seed: 3 -> 4; gripper\.force_n: 50\.0 -> 20\.0"):
         generate(changed, made, workers=0)
-    from graspmap.files import locked
-
+    with monkeypatch.context() as patch:
+        patch.setattr(run_module, "versions", lambda: {"graspmap": "0"})
+        with pytest.raises(FileError, match=r"versions\.graspmap: \S+ -> 0;"):
+            generate(PLAN, made, workers=0)
     with locked(made, "generation"), pytest.raises(FileError, match="another generation"):
         generate(PLAN, made, workers=0)
     assert snapshot(made) == before
@@ -336,6 +340,18 @@ def test_the_command_goes_on_and_says_what_there_is(made, tmp_path, capsys):
     assert "labels a scene" in output.err
     assert read_rgb(root / "sheet.png").std() > 10
     assert snapshot(root) == snapshot(made)
+
+
+def test_the_speed_counts_what_this_run_has_made(monkeypatch, capsys):
+    now = [0.0]
+    monkeypatch.setattr("graspmap.cli.progress.time.monotonic", lambda: now[0])
+    with progress("generating scenes", per_hour="scenes") as update:
+        for now[0], done in ((0.0, 100), (20.0, 110), (40.0, 140)):
+            update(done, 200)
+    assert capsys.readouterr().err.splitlines() == [
+        "graspmap: generating scenes: 110 of 200, 1,800 scenes an hour",
+        "graspmap: generating scenes: 140 of 200, 3,600 scenes an hour",
+    ]
 
 
 @pytest.mark.parametrize(

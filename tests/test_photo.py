@@ -70,7 +70,7 @@ class TestPhoto:
 
     @pytest.mark.parametrize("pattern", ["plain", "checker"])
     def test_silhouette_is_the_mask(self, pattern):
-        tabletop, view = scene(), jacquard_view(128)
+        tabletop, view = scene((0.35, 0.25, 0.06)), jacquard_view(128)
         appearance = look(pattern=pattern)
         picture, exact = (
             photo(tabletop, view, appearance, samples=16),

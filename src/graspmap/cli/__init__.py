@@ -27,13 +27,13 @@ from graspmap.errors import GraspmapError, UnknownNameError
 __all__ = ["main"]
 
 COMMANDS = {
-    "demo": "train for a minute on drawn scenes, detect on unseen ones, show the picture",
-    "detect": "find grasps in one picture",
+    "demo": "generate data, train, detect on unseen objects, try the grasps: in a few minutes",
+    "gripper": "show a gripper's profile to scale, or start one of your own",
+    "generate": "make labelled scenes for a gripper: pictures, and grasps tried in physics",
     "train": "train a network as an experiment file says",
+    "detect": "find grasps in one picture",
     "evaluate": "measure weights or predictions against labelled grasps",
     "trial": "try grasps in simulated physics: which of them hold?",
-    "generate": "make labelled scenes for a gripper: pictures, and grasps tried in physics",
-    "gripper": "show a gripper's profile to scale, or start one of your own",
     "doctor": "look through a data set, meshes or weights, and say what is there",
     "weights": "bring other people's weights into graspmap's own format",
 }

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from graspmap.data.jacquard import (
         JACQUARD_SIDE_PX,
         JacquardScenes,
-        smallest_jaws,
         write_jacquard,
     )
+    from graspmap.data.jacquard_labels import smallest_jaws
     from graspmap.data.jacquard_predictions import read_predictions, write_predictions
     from graspmap.data.kinds import KINDS, read_scenes
     from graspmap.data.scene import Scene, Scenes
@@ -91,7 +91,7 @@ _HOME = {
     "read_scenes": "kinds",
     "read_split": "split",
     "region_window": "images",
-    "smallest_jaws": "jacquard",
+    "smallest_jaws": "jacquard_labels",
     "to_input": "images",
     "warp": "images",
     "write_jacquard": "jacquard",
