@@ -1,1 +1,1 @@
-"""Studies: scripts behind the figures that the documentation quotes; `python -m studies` lists them."""
+"""Studies: scripts behind figures of the documentation; `python -m studies` lists them."""

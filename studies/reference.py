@@ -1,10 +1,12 @@
-"""Agreement of the trial's quick settings with a step four times finer and a tighter solver.
+"""Agreement of the trial's quick settings with a finer step and a tighter solver.
 
 On procedural objects of a seed that chose nothing. Of the candidates that pass the height map, as
 many that hold as that do not are taken from each object (as far as it has them), so that neither
 kind hides the other; that is a hard set, most failures are near misses, and it is chosen by the
-quick verdicts, which counts against them. ``--no-balanced`` takes candidates as they come. Beside the agreement stands the noise of the labels themselves: how many
-verdicts change when the grasp is moved by 0.2 mm and turned by 0.2 degrees.
+quick verdicts, which counts against them. ``--no-balanced`` takes candidates as they come.
+
+Beside the agreement stands the noise of the labels themselves: how many verdicts change when the
+grasp is moved by 0.2 mm and turned by 0.2 degrees.
 """
 
 from __future__ import annotations

@@ -67,7 +67,7 @@ def run(
     """
     real = list(_real(data))
     ours = list(_ours(scenes, seed))
-    strength = _lattice(real) * Sensor().subpixel
+    strength = _lattice(real) / Sensor().subpixel
     camera = jacquard_camera(_SIDE, _SIDE)
     assert camera is not None
     result = {

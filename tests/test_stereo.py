@@ -73,7 +73,8 @@ class TestDisparity:
         true, found = strength / picture.depth.astype(float), strength / depth.astype(float)
         away, left = true - np.round(true), found - np.round(true)
         inside = np.abs(away) < 0.49
-        assert left[inside] == pytest.approx(away[inside] / 2, abs=1e-3)
+        expected = away * (1 - 0.5 * (1 - 2.2 * away**2))
+        assert left[inside] == pytest.approx(expected[inside], abs=1e-3)
 
     @given(st.integers(0, 2**32))
     @settings(max_examples=10)

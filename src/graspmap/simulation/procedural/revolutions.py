@@ -82,15 +82,16 @@ def _bowl(draw: Draw) -> Solid:
 def _plate(draw: Draw) -> Solid:
     radius = draw.longest() / 2
     foot = radius * draw.uniform(0.5, 0.65)
-    height = draw.sturdy(radius * draw.uniform(0.12, 0.25), 0.4)
-    wall = draw.wall(0.5 * height)
-    line = [
-        (foot, 0),
-        (foot + 0.1 * radius, 0.4 * height),
-        (radius, height - wall),
-        (radius, height),
+    height = draw.sturdy(radius * draw.uniform(0.12, 0.25), 0.33)
+    wall = draw.wall(0.33 * height)
+    bend = foot + 0.1 * radius
+    line = [(foot, 0), (bend, 0.4 * height), (radius, height - wall), (radius, height)]
+    # Across its slant the wall would be thinner than straight up.
+    well = [
+        (foot - 0.3 * wall, wall),
+        (bend - 0.3 * wall, 0.4 * height + 1.2 * wall),
+        (radius - wall, height),
     ]
-    well = [(foot, wall), (foot + 0.1 * radius, 0.4 * height + wall), (radius - wall, height)]
     return revolve(line, well)
 
 

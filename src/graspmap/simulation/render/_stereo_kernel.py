@@ -18,6 +18,7 @@ from graspmap.simulation.render._noise_kernel import chance, flat_noise
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
+_BOW = 2.2  # how the pull of whole pixels falls with the distance; fitted to Jacquard's
 _JUMP = 1.0  # of disparity between neighbours, from which on it is an edge
 _NEARER_M = 0.002  # what is in the way is at least so much nearer
 _BLOB_PX = 3.0  # size of holes
@@ -172,7 +173,8 @@ def match(
             if noise > 0.0:
                 found += noise * _waved(x / patch, y / patch, seed)
             whole = math.floor(found + 0.5)
-            found = whole + (1.0 - locking) * (found - whole)
+            left = found - whole
+            found = whole + left * (1.0 - locking * (1.0 - _BOW * left * left))
             if fine > 0.0:
                 found += fine * bell(column, row, 7, seed)
             out[row, column] = math.floor(found * steps + 0.5) / steps

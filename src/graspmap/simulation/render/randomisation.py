@@ -238,7 +238,7 @@ class SensorSection(Section):
         AfterValidator(_ordered),
     ] = (0.07, 0.09)
     subpixel: Steps = (16.0, 16.0)
-    locking: Shares = (0.3, 0.6)
+    locking: Shares = (0.4, 0.8)
     noise_px: Pixels = (0.03, 0.08)
     correlation_px: Steps = (4.0, 8.0)
     fine_px: Pixels = (0.01, 0.03)

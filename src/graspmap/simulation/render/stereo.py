@@ -34,15 +34,16 @@ class Sensor(Section):
     The defaults were measured on 23 pairs of perfect and stereo depth of Jacquard's samples
     (`python -m studies stereo_sensor`): baseline 8.0 cm and 1/16 px (the values of 1 / depth lie on
     one lattice), second camera on the right (53 % of the pixels that it cannot see are holes; of
-    those that it could not see from the left, 16 %), disparities drawn to whole pixels by 0.58 (an
-    error of up to 0.22 px, or 3 mm, and the steps that one sees on the table), 0.05 px of noise
-    about that, holes in 21 % of the pixels beside a jump of disparity, 7 % at 2.5 px, 3 % at 5 px,
-    and 0.14 % far from any object.
+    those that it could not see from the left, 16 %), disparities drawn to whole pixels by 0.8 (an
+    error of up to 0.2 px, or 3 mm: the steps that one sees on the table), 0.03 to 0.05 px of noise
+    about that, holes in 18 % of the pixels within 1 px of a jump of disparity, 7 % at 2 to 3 px,
+    4 % at 4 to 5 px, and 0.14 % far from any object.
 
     Attributes:
         baseline_m: Between the two cameras.
         subpixel: Steps of disparity in a pixel.
-        locking: How strongly disparities are drawn to whole pixels, 0 not at all, 1 wholly.
+        locking: How strongly disparities are drawn to whole pixels: a distance x to the nearest
+            becomes x (1 - locking (1 - 2.2 x^2)).
         noise_px: Standard deviation of disparity that neighbours share.
         correlation_px: Size of the patches that share it.
         fine_px: Standard deviation of disparity of each pixel by itself.
@@ -57,7 +58,7 @@ class Sensor(Section):
 
     baseline_m: Annotated[float, Field(ge=0.005, le=1)] = 0.08
     subpixel: Annotated[float, Field(ge=1, le=4096)] = 16.0
-    locking: _Share = 0.58
+    locking: _Share = 0.8
     noise_px: _Pixels = 0.05
     correlation_px: Annotated[float, Field(ge=1, le=100)] = 5.0
     fine_px: _Pixels = 0.02
