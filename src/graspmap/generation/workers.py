@@ -182,10 +182,25 @@ def _hire(job: Callable[[Any], Any]) -> _Worker[Any]:
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=_serve, args=(theirs, job), name="graspmap worker")
-    with _environment(_ONE_THREAD):  # libraries read it when they are loaded
+    # Libraries read the environment when they are loaded. Ctrl-C goes to every process of the
+    # terminal; a worker that has not got as far as to ignore it would die with a traceback.
+    with _environment(_ONE_THREAD), _interrupts_held():
         process.start()
     theirs.close()  # so that its end is seen here
     return _Worker(process, ours)
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back; processes that are started meanwhile never get it."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _dismiss(worker: _Worker[Any]) -> int | None:
