@@ -13,7 +13,7 @@ from graspmap.simulation.render._compiled import compiled
 Singles = NDArray[np.float32]
 
 _STEP = 0.06  # of brightness, beyond which an edge is drawn smooth
-_TABLE_STEP = 0.12  # the same within the table's pattern
+_TABLE_STEP = 0.3  # the same within the table's pattern, which leaves fine detail out by itself
 
 
 @compiled

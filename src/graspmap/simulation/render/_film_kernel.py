@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspmap.simulation.render._compiled import compiled
-from graspmap.simulation.render._noise_kernel import hashed
+from graspmap.simulation.render._noise_kernel import many_bits
 
 Singles = NDArray[np.float32]
 
@@ -23,9 +23,9 @@ def bell(x: int, y: int, z: int, seed: int) -> float:
 
     The sum of six uniform numbers: it ends at 4.2 standard deviations.
     """
-    first, second = hashed(x, y, z, seed), hashed(y, z, x, seed + 1)
-    total = (first & 0x3FF) + ((first >> 10) & 0x3FF) + ((first >> 20) & 0x3FF)
-    total += (second & 0x3FF) + ((second >> 10) & 0x3FF) + ((second >> 20) & 0x3FF)
+    bits = many_bits(x, y, z, seed)
+    total = (bits & 0x3FF) + ((bits >> 10) & 0x3FF) + ((bits >> 20) & 0x3FF)
+    total += ((bits >> 30) & 0x3FF) + ((bits >> 40) & 0x3FF) + ((bits >> 50) & 0x3FF)
     # Six whole numbers from 0 to 1023: mean 3069, variance 6 (1024^2 - 1) / 12.
     return (total - 3069.0) * 0.0013810686
 

@@ -43,6 +43,15 @@ def hashed(x: int, y: int, z: int, seed: int) -> int:
 
 
 @compiled
+def many_bits(x: int, y: int, z: int, seed: int) -> int:
+    """63 bits that look random, from four whole numbers; products wrap around at 2^64."""
+    h = x * 374761393 + y * 668265263 + z * 1103515245 + seed * 974634777
+    h = (h ^ ((h >> 30) & 0x3FFFFFFFF)) * -4658895280553007687
+    h = (h ^ ((h >> 27) & 0x1FFFFFFFFF)) * -7723592293110705685
+    return (h ^ ((h >> 31) & 0x1FFFFFFFF)) & 0x7FFFFFFFFFFFFFFF
+
+
+@compiled
 def chance(x: int, y: int, z: int, seed: int) -> float:
     """A number in [0, 1) from four whole numbers."""
     return hashed(x, y, z, seed) * (1.0 / 2147483648.0)

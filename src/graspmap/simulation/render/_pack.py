@@ -24,7 +24,6 @@ from graspmap.simulation.tabletop import Tabletop
 
 Floats = NDArray[np.float64]
 
-_SKY_SAMPLES = 20
 _SKY_DISTANCE_M = 3.0
 _KEY_SIDE_PX = (64, 768)
 _SKY_SIDE_PX = (48, 160)
@@ -151,9 +150,9 @@ def pack_scene(tabletop: Tabletop, appearance: Appearance, geometry: Geometry, e
     pixel = float(eye.origin[2]) / eye.focal[0]
     clear = np.array([look.finish.glass > 0.5 for look in appearance.objects])
     solid = np.where(clear[geometry.owner], 0, geometry.sides).astype(np.uint8)
-    key_points, dome = _disk(appearance.light), _dome()
+    key_points, dome = _disk(appearance.light), _dome(appearance.light.samples)
     equal, facing = [1 / len(key_points)] * len(key_points), dome[:, 2] / sum(dome[:, 2].tolist())
-    key = _lamp(geometry, solid, key_points, size, size / (0.8 * pixel), _KEY_SIDE_PX)
+    key = _lamp(geometry, solid, key_points, size, size / pixel, _KEY_SIDE_PX)
     sky_points = dome + 0.5 * (low + high)
     sky = _lamp(geometry, geometry.sides, sky_points, size, size / (2.5 * pixel), _SKY_SIDE_PX)
     return Scene(geometry, eye, surfaces, light, Lamp(*key, np.array(equal)), Lamp(*sky, facing))
@@ -215,12 +214,12 @@ def _disk(light: Light) -> Floats:
     return np.array(points)
 
 
-def _dome() -> Floats:
+def _dome(count: int) -> Floats:
     """(K, 3) points over the sky, closer together where it is high."""
     cos, sin = turn(2.399963229728653)
     along, across, points = 1.0, 0.0, []
-    for k in range(_SKY_SAMPLES):
-        square = 0.93 * (k + 0.5) / _SKY_SAMPLES
+    for k in range(count):
+        square = 0.93 * (k + 0.5) / count
         level, up = math.sqrt(square), math.sqrt(1.0 - square)
         points.append((level * along, level * across, up))
         along, across = along * cos - across * sin, along * sin + across * cos

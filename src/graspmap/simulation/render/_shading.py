@@ -22,7 +22,7 @@ from graspmap.simulation.render._scene import Eye, Geometry, Scene
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int32]
 
-_BATCH = 16384  # rays; their numbers stay in the processor's cache
+_BATCH = 16384  # rays
 _BEND = 0.03  # how far glass moves what lies behind it
 _SHADOW_BEHIND_GLASS = 0.3
 
@@ -80,7 +80,7 @@ def table_colours(scene: Scene, rays: Floats, shadow: float = 1.0) -> Floats:
         shadow: Strength of shadows.
     """
     out = np.empty((3, rays.shape[1]))
-    for batch in _batches(rays.shape[1]):
+    for batch in batches(rays.shape[1]):
         out[:, batch] = _table_batch(scene, np.ascontiguousarray(rays[:, batch]), shadow)
     return out
 
@@ -88,13 +88,14 @@ def table_colours(scene: Scene, rays: Floats, shadow: float = 1.0) -> Floats:
 def object_colours(scene: Scene, hits: Hits) -> Floats:
     """(3, n) linear colour of objects on rays."""
     out = np.empty((3, len(hits.face)))
-    for batch in _batches(len(hits.face)):
+    for batch in batches(len(hits.face)):
         part = Hits(*(np.ascontiguousarray(array[..., batch]) for array in vars(hits).values()))
         out[:, batch] = _object_batch(scene, part)
     return out
 
 
-def _batches(count: int) -> Iterator[slice]:
+def batches(count: int) -> Iterator[slice]:
+    """Parts of so many rays that their numbers stay in the processor's cache."""
     for start in range(0, count, _BATCH):
         yield slice(start, min(start + _BATCH, count))
 

@@ -21,9 +21,10 @@ Singles = NDArray[np.float32]
 _BOW = 2.2  # how the pull of whole pixels falls with the distance; fitted to Jacquard's
 _JUMP = 1.0  # of disparity between neighbours, from which on it is an edge
 _NEARER_M = 0.002  # what is in the way is at least so much nearer
+_RARE = 16.0  # times a share of holes: share of the places that are looked at closely
 _BLOB_PX = 3.0  # size of holes
 _WAVER_PX = 8.0  # size of the waves of edges
-_EVEN = 3.296  # makes the variance of the patchy noise 1
+_EVEN = 4.662  # makes the variance of the patchy noise 1
 
 
 @compiled
@@ -93,8 +94,7 @@ def edge_distance(disparity: Floats, reach: int, out: Floats) -> None:
 @compiled
 def _waved(x: float, y: float, seed: int) -> float:
     """Smooth noise of mean 0 and, about, variance 1; bumps have size 1."""
-    first = flat_noise(x, y, seed)
-    return (first + flat_noise(x + 0.5, y + 0.5, seed + 11) - 1.0) * _EVEN
+    return (flat_noise(x, y, seed) - 0.5) * _EVEN
 
 
 @compiled
@@ -103,6 +103,16 @@ def _blob(x: float, y: float, seed: int) -> float:
     x += 0.8 * flat_noise(1.7 * x, 1.7 * y, seed)
     y += 0.8 * flat_noise(1.7 * x, 1.7 * y, seed + 5)
     return chance(math.floor(x), math.floor(y), 3, seed)
+
+
+@compiled
+def _is_hole(x: float, y: float, loss: float, seed: int) -> bool:
+    """Whether a point lies in a hole, where a share ``loss`` of such points does."""
+    # Where holes are rare, most places are ruled out by one quick number.
+    gate = min(_RARE * loss, 1.0)
+    if gate < 1.0 and chance(math.floor(x / 3.0), math.floor(y / 3.0), 5, seed) >= gate:
+        return False
+    return _blob(x, y, seed) * gate < loss
 
 
 @compiled
@@ -165,7 +175,7 @@ def match(
             if hidden[row, column]:
                 loss = max(loss, shadow)
             x, y = column / scale, row / scale
-            if loss > 0.0 and _blob(x / _BLOB_PX, y / _BLOB_PX, seed + 60) < loss:
+            if loss > 0.0 and _is_hole(x / _BLOB_PX, y / _BLOB_PX, loss, seed + 60):
                 continue
             found = true
             if near and (waver > 0.0 or fat > 0.0):

@@ -98,7 +98,8 @@ class Light(_Value):
     Attributes:
         position_m: World position of the lamp's middle.
         radius_m: Of the lamp, a disk that faces the world's origin; 0 gives a sharp shadow.
-        samples: Points of the lamp at which its shadow is computed.
+        samples: Points of the lamp, and of the sky, at which shadows are computed; with few, a
+            soft shadow on a clean table shows steps.
         key: Light of the lamp by colour channel.
         fill_direction: Unit vector to a second lamp that throws no shadow.
         fill: Its light.
@@ -177,7 +178,7 @@ def plain_appearance(tabletop: Tabletop, seed: int = 0) -> Appearance:
         colour = _colour(rng, (0.55, 0.75), (0.75, 0.9))
         finish = Finish(roughness=0.45, reflectance=0.04)
         looks.append(ObjectLook(colours=(colour, colour, colour), finish=finish))
-    return Appearance(objects=tuple(looks))
+    return Appearance(objects=tuple(looks), light=Light(samples=32))
 
 
 def _rounded(*values: float) -> tuple[float, ...]:

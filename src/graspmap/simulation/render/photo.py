@@ -81,7 +81,9 @@ def photo(
     mitsuba.set_log_level(mitsuba.LogLevel.Error)
     try:
         scene = mitsuba.load_dict(_scene(mitsuba, tabletop, view, appearance, samples))
-        light = np.array(mitsuba.render(scene, spp=samples, seed=mitsuba.UInt32(seed)), dtype=np.float32)
+        light = np.array(
+            mitsuba.render(scene, spp=samples, seed=mitsuba.UInt32(seed)), dtype=np.float32
+        )
     finally:
         if before is not None:
             mitsuba.set_variant(before)

@@ -97,7 +97,7 @@ class LightSection(Section):
         fill: Light of the second lamp.
         ambient: Light from all around; in corners less of it arrives.
         warmth: Colour of the lamp, from -1 (blue) to 1 (orange).
-        samples: Points of the lamp at which its shadow is computed.
+        samples: Points of the lamp, and of the sky, at which shadows are computed.
     """
 
     elevation_deg: Highs = (40.0, 75.0)

@@ -139,8 +139,10 @@ def _colour(
     bare = np.ones(len(out), np.bool_)
     bare[seen] = False
     table = np.flatnonzero(bare)
-    rays = _shading.pixel_rays(scene.eye, table, shape[1])
-    out[table] = _shading.table_colours(scene, rays).T
+    for batch in _shading.batches(len(table)):
+        pixels = table[batch]
+        rays = _shading.pixel_rays(scene.eye, pixels, shape[1])
+        out[pixels] = _shading.table_colours(scene, rays).T
     out[seen] = _shading.object_colours(scene, hits).T
     return out.reshape(*shape, 3)
 
@@ -156,27 +158,56 @@ def _smooth_edges(
         eye.rotation, eye.origin, (2 * fx, 2 * fy, 2 * (cx - left) + 0.5, 2 * (cy - top) + 0.5)
     )
     size = (2 * (bottom - top), 2 * (right - left))
-    fine_depth, fine_triangle = _visible(geometry, fine, size, (0, size[0], 0, size[1]))
+    fine_depth, fine_face = _visible(geometry, fine, size, (0, size[0], 0, size[1]))
     shape = (instance.shape[0], instance.shape[1])
     marked = np.zeros(instance.size, np.bool_)
     _edge_kernel.mark_edges(instance.ravel(), light.reshape(-1, 3), shape, marked)
     edges = np.flatnonzero(marked)
-    rows, columns = edges // instance.shape[1], edges % instance.shape[1]
-    inside = (rows >= top) & (rows < bottom) & (columns >= left) & (columns < right)
+    light.reshape(-1, 3)[edges] = _mean_of_four(
+        scene, window, edges, shape[1], fine_depth, fine_face
+    )
+
+
+def _mean_of_four(
+    scene: Scene,
+    window: Window,
+    pixels: NDArray[np.int64],
+    columns: int,
+    fine_depth: Floats,
+    fine_face: Integers,
+) -> Floats:
+    """(n, 3) linear colour of pixels, given by flat numbers, from four points of each.
+
+    Args:
+        scene: What is seen.
+        window: Part of the picture that holds the objects.
+        pixels: (n,) flat numbers.
+        columns: Of the picture.
+        fine_depth: (2h, 2w) depths of the window at twice the resolution.
+        fine_face: (2h, 2w) triangles there, -1 for the table.
+    """
+    top, bottom, left, right = window
+    row, column = pixels // columns, pixels % columns
+    inside = (row >= top) & (row < bottom) & (column >= left) & (column < right)
     within = np.flatnonzero(inside)
-    total = np.zeros((3, len(edges)))
-    for down, across in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        face, depth = np.full(len(edges), -1, np.int32), np.zeros(len(edges))
-        places = 2 * (rows[within] - top) + down, 2 * (columns[within] - left) + across
-        face[within], depth[within] = fine_triangle[places], fine_depth[places]
+    rays = np.empty((2, 4, len(pixels)))
+    face, depth = np.full((4, len(pixels)), -1, np.int32), np.zeros((4, len(pixels)))
+    for part, (down, across) in enumerate(((0, 0), (0, 1), (1, 0), (1, 1))):
+        place = 2 * (row[within] - top) + down, 2 * (column[within] - left) + across
+        face[part, within], depth[part, within] = fine_face[place], fine_depth[place]
         shift = (0.5 * across - 0.25, 0.5 * down - 0.25)
-        rays = _shading.pixel_rays(eye, edges, instance.shape[1], shift)
-        table, objects = np.flatnonzero(face < 0), np.flatnonzero(face >= 0)
-        total[:, table] += _shading.table_colours(scene, rays[:, table])
-        hits = _shading.meet_objects(geometry, eye, rays[:, objects], face[objects], depth[objects])
-        # A highlight does not make its whole pixel white.
-        total[:, objects] += np.minimum(_shading.object_colours(scene, hits), _BRIGHTEST)
-    light.reshape(-1, 3)[edges] = 0.25 * total.T
+        rays[:, part] = _shading.pixel_rays(scene.eye, pixels, columns, shift)
+    every, flat = rays.reshape(2, -1), face.ravel()
+    table, objects = np.flatnonzero(flat < 0), np.flatnonzero(flat >= 0)
+    colour = np.empty((3, len(flat)))
+    colour[:, table] = _shading.table_colours(scene, every[:, table])
+    hits = _shading.meet_objects(
+        scene.geometry, scene.eye, every[:, objects], flat[objects], depth.ravel()[objects]
+    )
+    # A highlight does not make its whole pixel white.
+    colour[:, objects] = np.minimum(_shading.object_colours(scene, hits), _BRIGHTEST)
+    first, second, third, fourth = np.moveaxis(colour.reshape(3, 4, -1), 1, 0)
+    return 0.25 * (first + second + third + fourth).T
 
 
 def develop(light: Singles, appearance: Appearance) -> NDArray[np.uint8]:
