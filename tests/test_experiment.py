@@ -104,7 +104,7 @@ def test_round_trip_for_any_values(tmp_path_factory, values):
         ("epochs: 3", "epochs", "training.epochs"),
         ("optimizer: {name: adam}", "optimizer", "optimiser"),
         ("data: {source: x, augment: {rotate: any}}", "data.augment.rotate", "rotation"),
-        ("network: {zzz: 1}", "network.zzz", "allowed here: bins, channels, name"),
+        ("network: {zzz: 1}", "network.zzz", "allowed here: bins, channels, filters, name"),
     ],
 )
 def test_a_wrong_key_names_the_nearest(file, text, key, nearest):

@@ -17,6 +17,7 @@ Positive = Annotated[int, Field(ge=1)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 PositiveFloat = Annotated[float, Field(gt=0)]
 Zoom = Annotated[float, Field(ge=0.05, le=20)]
+View = Literal["contain", "cover"] | Annotated[int, Field(ge=1, le=16384)]
 
 
 class _Section(BaseModel):
@@ -35,11 +36,77 @@ class NetworkSection(_Section):
         name: Name in `graspmap.networks.NETWORKS`.
         channels: Pictures it looks at.
         bins: Orientation bins N; each head has N channels.
+        filters: Filters of the first layer, of networks that leave them open; null takes the
+            network's own.
     """
 
     name: str = "ggcnn2"
     channels: Literal["depth", "rgb", "rgbd"] = "depth"
     bins: Annotated[int, Field(ge=1, le=1024)] = 1
+    filters: Annotated[int, Field(ge=1, le=4096)] | None = None
+
+
+class SaliencyTask(_Section):
+    """The network also says which pixels show the object; see `graspmap.losses.SaliencyLoss`.
+
+    Attributes:
+        loss: Error of the probability: its square, its binary cross-entropy, or that and the
+            consistency-enhanced loss over the picture.
+    """
+
+    loss: Literal["mse", "bce", "bce_cel"] = "bce"
+
+
+class DepthTask(_Section):
+    """The network also says the depth, normalised; see `graspmap.losses.DepthLoss`.
+
+    Attributes:
+        loss: Error of one pixel.
+    """
+
+    loss: Literal["mse", "smooth_l1"] = "mse"
+
+
+class CategoryTask(_Section):
+    """The network also says what the object is.
+
+    Attributes:
+        labels: Which of a scene's labels is the class, ``"specific"`` (mug) or ``"general"``
+            (crockery).
+    """
+
+    labels: Literal["specific", "general"] = "specific"
+
+
+class GraspnessTask(_Section):
+    """The network also says where a grasp of any angle is."""
+
+
+class OrientationTask(_Section):
+    """The network also says which orientation bins hold a grasp, pixel by pixel."""
+
+
+class TasksSection(_Section):
+    """What the network learns beside grasps; null is not learned, ``{}`` is learned by default.
+
+    Attributes:
+        category: See `CategoryTask`; needs scenes with labels.
+        saliency: See `SaliencyTask`; needs scenes with masks.
+        depth: See `DepthTask`; needs scenes with depth.
+        graspness: See `GraspnessTask`.
+        orientation: See `OrientationTask`; needs two bins or more.
+    """
+
+    category: CategoryTask | None = None
+    saliency: SaliencyTask | None = None
+    depth: DepthTask | None = None
+    graspness: GraspnessTask | None = None
+    orientation: OrientationTask | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The tasks that are learned, in this order."""
+        return tuple(name for name in type(self).model_fields if getattr(self, name) is not None)
 
 
 class SplitSection(_Section):
@@ -51,9 +118,13 @@ class SplitSection(_Section):
         train: Share of the scenes to train on.
         validation: Share that chooses the best epoch and steers the learning rate.
         test: Share that is looked at once, at the end.
-        folds: Number k of folds in place of the shares for training and test, or null.
-        fold: Which of the k folds is the test part, 0 to k - 1.
+        folds: Number k of folds in place of the shares, or null: each fold holds 1/k of the
+            scenes out, half of them for validation and half for the test.
+        fold: Which of the k folds is held out, 0 to k - 1.
         file: A split file to use in place of all the above, or null.
+        limit_objects: The training part keeps the scenes of this many of its objects only (by
+            image: this many scenes), drawn with the seed; fewer are always some of more. Null
+            keeps all.
     """
 
     by: Literal["object", "image"] = "object"
@@ -64,6 +135,7 @@ class SplitSection(_Section):
     folds: Annotated[int, Field(ge=2)] | None = None
     fold: Annotated[int, Field(ge=0)] = 0
     file: str | None = None
+    limit_objects: Positive | None = None
 
     @model_validator(mode="after")
     def _check(self) -> SplitSection:
@@ -99,6 +171,26 @@ class AugmentSection(_Section):
         return self
 
 
+class TestSection(_Section):
+    """Another data set to test on, to see what carries over.
+
+    Its labelled scenes are the test. Its pictures become inputs by the same rule (size and
+    view), and the width scale stays that of the training data: it is the unit in which the network
+    speaks, and both are input pixels.
+
+    Attributes:
+        source: ``kind:directory``.
+        depth: Which of the depths that the kind offers, or null for its default.
+        view: Its own centre window, see `DataSection`; null takes that of the training data.
+        limit_objects: Tests on this many of its objects only, drawn with the seed; null on all.
+    """
+
+    source: str
+    depth: Literal["perfect", "stereo", "z", "range"] | None = None
+    view: View | None = None
+    limit_objects: Positive | None = None
+
+
 class DataSection(_Section):
     """Where the scenes are and how they become the network's input.
 
@@ -110,6 +202,7 @@ class DataSection(_Section):
             (``"contain"``), its shorter side (``"cover"``), or so many pixels.
         split: See `SplitSection`.
         augment: See `AugmentSection`; training part only.
+        test: See `TestSection`; null tests on the split's test part.
         cache_dir: Folder of the packed cache; null takes ``$GRASPMAP_CACHE`` or the user's cache
             folder.
     """
@@ -117,9 +210,10 @@ class DataSection(_Section):
     source: str
     depth: Literal["perfect", "stereo", "z", "range"] | None = None
     size: Annotated[int, Field(ge=16, le=4096)] = 300
-    view: Literal["contain", "cover"] | Annotated[int, Field(ge=1, le=16384)] = "contain"
+    view: View = "contain"
     split: SplitSection = SplitSection()
     augment: AugmentSection = AugmentSection()
+    test: TestSection | None = None
     cache_dir: str | None = None
 
 
@@ -145,15 +239,20 @@ class MapsSection(_Section):
 
 
 class LossSection(_Section):
-    """What is minimised; see `graspmap.losses.GraspLoss`.
+    """What is minimised; see `graspmap.losses.MultiTaskLoss`.
 
     Attributes:
-        base: Error of one pixel.
+        base: Error of one pixel of the grasp maps.
         positional: Whether, and how, angle and width count only where grasps are.
+        weighting: How the losses of several tasks become one: their sum, shares that are fixed,
+            or weights that are learned (task uncertainty).
+        grasp_share: Share of the grasp loss with ``"fixed"``; the other tasks have the rest.
     """
 
     base: Literal["mse", "smooth_l1"] = "mse"
     positional: Literal["none", "inside", "outside", "normalised"] = "inside"
+    weighting: Literal["sum", "fixed", "uncertainty"] = "sum"
+    grasp_share: Fraction = 0.5
 
 
 class OptimiserSection(_Section):
@@ -221,6 +320,7 @@ class Experiment(_Section):
         name: Name of the run, for the log and the card.
         seed: Seed of the weights, the order and the augmentation.
         network: See `NetworkSection`.
+        tasks: See `TasksSection`.
         data: See `DataSection`.
         maps: See `MapsSection`.
         loss: See `LossSection`.
@@ -232,6 +332,7 @@ class Experiment(_Section):
     name: Annotated[str, Field(min_length=1)] = "graspmap"
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     network: NetworkSection = NetworkSection()
+    tasks: TasksSection = TasksSection()
     data: DataSection
     maps: MapsSection = MapsSection()
     loss: LossSection = LossSection()
@@ -250,7 +351,8 @@ class Experiment(_Section):
 
 def _flatten(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     for key, value in values.items():
-        if isinstance(value, dict):
+        # An empty section is something else than none: it stands for itself.
+        if isinstance(value, dict) and value:
             yield from _flatten(value, f"{prefix}{key}.")
         else:
             yield f"{prefix}{key}", value
