@@ -122,29 +122,42 @@ def test_order_of_reading_does_not_matter():
     sizes=st.lists(st.integers(1, 4), min_size=12, max_size=25),
     k=st.integers(2, 6),
     by=st.sampled_from(["object", "image"]),
-    validation=st.sampled_from([0.0, 0.1, 0.2]),
+    seed=st.integers(0, 2**40),
+    order=st.randoms(use_true_random=False),
 )
-def test_laws_of_folds(sizes, k, by, validation):
+def test_laws_of_folds(sizes, k, by, seed, order):
     scenes = MadeScenes(sizes)
-    folds = make_folds(scenes, k, by=by, seed=1, validation=validation)
+    folds = make_folds(scenes, k, by=by, seed=seed)
     assert len(folds) == k
-    tests = [name for fold in folds for name in fold.parts["test"]]
-    assert sorted(tests) == sorted(scenes.ids)
+    held = [name for fold in folds for part in NAMES[1:] for name in fold.parts[part]]
+    assert sorted(held) == sorted(scenes.ids)  # disjoint, and nobody left out
     for fold in folds:
+        assert tuple(fold.parts) == NAMES
         check_partition(fold, scenes)
-        assert ("validation" in fold.parts) == (validation > 0)
         if by == "object":
             for a, b in itertools.combinations(fold.parts.values(), 2):
                 assert not objects_of(scenes, a) & objects_of(scenes, b)
-
-
-def test_ten_folds_are_those_of_the_thesis():
-    for fold in make_folds(MadeScenes([1] * 100), 10):
-        assert {name: len(ids) for name, ids in fold.parts.items()} == {
-            "train": 80,
-            "validation": 10,
-            "test": 10,
+    assert folds == make_folds(scenes, k, by=by, seed=seed)
+    ids = list(scenes.ids)
+    order.shuffle(ids)
+    for one, other in zip(folds, make_folds(scenes.subset(ids), k, by=by, seed=seed), strict=True):
+        assert {p: set(i) for p, i in one.parts.items()} == {
+            p: set(i) for p, i in other.parts.items()
         }
+        assert one.source == other.source
+
+
+@given(sizes=st.lists(st.integers(1, 5), min_size=12, max_size=30), seed=st.integers(0, 1000))
+def test_folds_are_as_even_as_whole_objects_allow(sizes, seed):
+    for fold in make_folds(MadeScenes(sizes), 3, seed=seed):
+        for part in NAMES[1:]:
+            assert abs(len(fold.parts[part]) - sum(sizes) / 6) <= 2 * max(sizes)
+
+
+@pytest.mark.parametrize(("k", "shares"), [(5, (80, 10, 10)), (10, (90, 5, 5))])
+def test_folds_are_those_of_the_thesis(k, shares):
+    for fold in make_folds(MadeScenes([1] * 100), k):
+        assert tuple(len(fold.parts[name]) for name in NAMES) == shares
 
 
 def test_file_round_trip(tmp_path):
@@ -233,7 +246,7 @@ def test_wrong_options(options):
         make_split(MadeScenes([2, 3, 4]), **options)
 
 
-@pytest.mark.parametrize("options", [{"k": 1}, {"k": 2, "validation": 0.5}, {"validation": -0.1}])
+@pytest.mark.parametrize("options", [{"k": 1}, {"k": 2.5}, {"k": True}, {"seed": -1}])
 def test_wrong_folds(options):
     with pytest.raises(InvalidInputError):
         make_folds(MadeScenes([1] * 20), **options)
@@ -244,8 +257,21 @@ def test_too_few_objects():
         make_split(MadeScenes([50, 50]))
     with pytest.raises(InvalidInputError, match="number of images is 2"):
         make_split(MadeScenes([2]), by="image")
-    with pytest.raises(InvalidInputError, match="number of objects is 4; allowed: at least 5"):
-        make_folds(MadeScenes([5] * 4), 5)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "by", "said"),
+    [
+        ([5] * 7, "object", "objects in made:nowhere is 7; allowed: at least 10 for 5 folds, "
+         "two for each; at most 3 folds or folds by image (there are 35) or more data"),
+        ([1] * 3, "object", "is 3; allowed: at least 10 for 5 folds, two for each; more data"),
+        ([1] * 9, "image", "images in made:nowhere is 9; .* at most 4 folds or more data"),
+    ],
+)  # fmt: skip
+def test_data_too_small_for_folds(sizes, by, said):
+    scenes = MadeScenes(sizes)
+    with pytest.raises(InvalidInputError, match=said.replace("(", r"\(").replace(")", r"\)")):
+        make_folds(scenes, 5, by=by)
 
 
 def test_real_objects_stay_together(data_dir):

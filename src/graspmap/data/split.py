@@ -133,46 +133,52 @@ def make_folds(
     *,
     by: By = "object",
     seed: int = 0,
-    validation: float = 0.1,
 ) -> list[Split]:
-    """Cross-validation: k splits whose test parts are disjoint and together hold every scene.
+    """Cross-validation: k splits, each of which holds another 1/k of the scenes out.
 
-    Each test part has 1/k of the scenes; ``validation`` of all scenes are taken from the rest,
-    and what remains is for training: k = 10 gives the 80/10/10 of the thesis, k = 5 gives
-    70/10/20.
+    The parts held out are disjoint and together hold every scene. Half of each is for validation
+    and half for the test: k = 5 gives the 80/10/10 of the thesis's chapters 3 and 4, k = 10 gives
+    90/5/5, the 90/10 of chapter 5 with choosing and testing held apart.
 
     Args:
         scenes: The data set; only ids and objects are looked at.
         k: Number of folds, 2 or more.
         by: As in `make_split`.
         seed: 0 or more.
-        validation: Share of all scenes for validation, from 0 (no such part) to below 1 - 1/k.
 
     Raises:
-        InvalidInputError: A number is out of its range, or there are too few objects (images).
+        InvalidInputError: k or the seed is out of its range, or there are fewer than 2 k objects
+            (images): every fold needs one to validate with and another to test with.
         UnknownNameError: ``by`` is not one of the above.
     """
-    if k < 2:
+    if isinstance(k, bool) or not isinstance(k, int) or k < 2:
         raise InvalidInputError("k", k, "2 or more folds")
-    rest = 1 - 1 / k
-    if not 0 <= validation < rest:
-        raise InvalidInputError("validation", validation, f"a share from 0 to below {rest:.4g}")
-    groups = _groups(scenes, by)
-    tests = _assign(
-        _shuffled(groups, _check_seed(seed)), {str(fold): 1 / k for fold in range(k)}, by
-    )
-    shares = {"train": (rest - validation) / rest, "validation": validation / rest}
+    groups = _shuffled(_groups(scenes, by), _check_seed(seed))
+    if len(groups) < 2 * k:
+        raise _too_few(scenes, len(groups), k, by)
+    held = ("validation", "test")
+    names = {(fold, part): f"{part} of fold {fold}" for fold in range(k) for part in held}
+    drawn = _assign(groups, dict.fromkeys(names.values(), 1 / (2 * k)), by)
     folds = []
     for fold in range(k):
-        test = set(tests[str(fold)])
-        others = {name: ids for name, ids in groups.items() if not test.intersection(ids)}
-        if validation:
-            # A stream of its own for each fold: (seed, fold).
-            assigned = _assign(_shuffled(others, seed, fold), shares, by)
-        else:
-            assigned = {"train": [name for ids in others.values() for name in ids]}
-        folds.append(_make(scenes, {**assigned, "test": list(test)}, by, seed))
+        out = {part: drawn[names[fold, part]] for part in held}
+        taken = {name for ids in out.values() for name in ids}
+        train = [name for name in scenes.ids if name not in taken]
+        folds.append(_make(scenes, {"train": train, **out}, by, seed))
     return folds
+
+
+def _too_few(scenes: Scenes, groups: int, k: int, by: str) -> InvalidInputError:
+    """What to say of data that are too small for k folds."""
+    noun = "objects" if by == "object" else "images"
+    ways = [f"at most {groups // 2} folds"] if groups >= 4 else []
+    if by == "object" and len(scenes) >= 2 * k:
+        ways.append(f"folds by image (there are {len(scenes)})")
+    return InvalidInputError(
+        f"number of {noun} in {scenes.kind}:{scenes.root}",
+        groups,
+        f"at least {2 * k} for {k} folds, two for each; " + " or ".join([*ways, "more data"]),
+    )
 
 
 def read_split(path: Path | str, scenes: Scenes | None = None) -> Split:

@@ -228,10 +228,7 @@ def _split(experiment: Experiment, scenes: Scenes, folder: Folder) -> Split:
     if values.file is not None:
         split = read_split(Path(values.file).expanduser(), scenes)
     elif values.folds is not None:
-        folds = make_folds(
-            scenes, values.folds, by=values.by, seed=seed, validation=values.validation
-        )
-        split = folds[values.fold]
+        split = make_folds(scenes, values.folds, by=values.by, seed=seed)[values.fold]
     else:
         shares = {name: getattr(values, name) for name in PARTS if getattr(values, name) > 0}
         split = make_split(scenes, parts=shares, by=values.by, seed=seed)
