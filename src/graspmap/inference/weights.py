@@ -25,12 +25,12 @@ from graspmap.errors import (
     WeightsError,
 )
 from graspmap.files import read_bytes, write_bytes
-from graspmap.networks import GraspNetwork, make_network
+from graspmap.networks import GraspNetwork, TaskSpec, make_network
 
 FORMAT: Final = 1
 """Version of the card; a newer one is refused rather than misread."""
 
-MOST_BINS, MOST_PX = 1024, 16384
+MOST_BINS, MOST_PX, MOST_FILTERS = 1024, 16384, 256
 """A card that asks for more is a damaged or a hostile one: it would only fill the memory."""
 
 View = Literal["contain", "cover"] | Annotated[int, Field(ge=1, le=MOST_PX)]
@@ -72,6 +72,8 @@ class WeightsCard(BaseModel):
         network: Name of the network, see `graspmap.networks.NETWORKS`.
         channels: What it sees: ``depth``, ``rgb``, or ``rgbd`` (depth first).
         bins: Orientation bins.
+        tasks: What it learned beside grasping, and has heads for.
+        filters: Width of its layers, where it is not the published one.
         size: Side of the square input, pixels.
         view: Centre square of a picture that fills the input: ``contain``, ``cover``, or a side
             in pixels.
@@ -89,6 +91,8 @@ class WeightsCard(BaseModel):
     network: str
     channels: Channels
     bins: int = Field(default=1, ge=1, le=MOST_BINS)
+    tasks: tuple[TaskSpec, ...] = ()
+    filters: int | None = Field(default=None, ge=1, le=MOST_FILTERS)
     size: int = Field(default=300, ge=1, le=MOST_PX)
     view: View = "cover"
     width_scale_px: float = Field(gt=0, allow_inf_nan=False)
@@ -103,8 +107,15 @@ class WeightsCard(BaseModel):
 
         Raises:
             UnknownNameError: This version of graspmap has no such network.
+            InvalidInputError: It has no such tasks or filters.
         """
-        return make_network(self.network, channel_count(self.channels), self.bins)
+        return make_network(
+            self.network,
+            channel_count(self.channels),
+            self.bins,
+            tasks=self.tasks,
+            filters=self.filters,
+        )
 
 
 def save_weights(path: Path | str, network: GraspNetwork, card: WeightsCard) -> None:
@@ -128,10 +139,13 @@ def save_weights(path: Path | str, network: GraspNetwork, card: WeightsCard) -> 
         raise FileFormatError(path, "a weights file needs another name", f"end it in {SUFFIX}")
     if path.is_dir():
         raise FileFormatError(path, "is a folder", "give the name of a file")
-    found = (network.name, network.channels, network.bins)
-    said = (card.network, channel_count(card.channels), card.bins)
-    if found != said:
-        raise InvalidInputError("card (network, channels, bins)", said, f"the network's {found}")
+    filters = network.published_filters if card.filters is None else card.filters
+    tasks = [tuple(t.name for t in whose.tasks) for whose in (network, card)]
+    found = (network.name, network.channels, network.bins, network.filters, tasks[0])
+    said = (card.network, channel_count(card.channels), card.bins, filters, tasks[1])
+    if found != said or network.tasks != card.tasks:
+        what = "card (network, channels, bins, filters, tasks)"
+        raise InvalidInputError(what, said, f"the network's {found}")
     text = card.model_dump_json(indent=2)
     tensors = {name: t.detach().cpu().contiguous() for name, t in network.state_dict().items()}
     # A single metadata key: with more, safetensors writes them in an order that changes by run.

@@ -10,12 +10,14 @@ References:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 from torch import Tensor, nn
 from torch.nn.functional import interpolate, max_pool2d
 
-from graspmap.networks.base import GraspHeads, GraspNetwork
+from graspmap.networks.base import GraspNetwork
+from graspmap.networks.tasks import TaskSpec
 
 
 class GGCNN(GraspNetwork):
@@ -30,24 +32,28 @@ class GGCNN(GraspNetwork):
     name: ClassVar[str] = "ggcnn"
     granularity: ClassVar[int] = 12
 
-    def __init__(self, channels: int, bins: int = 1) -> None:
-        super().__init__(channels, bins)
+    def __init__(
+        self,
+        channels: int,
+        bins: int = 1,
+        tasks: Sequence[TaskSpec] = (),
+        filters: int | None = None,
+    ) -> None:
+        super().__init__(channels, bins, tasks, filters)
         self.shrink1 = nn.Conv2d(channels, 32, 9, stride=3, padding=3)
         self.shrink2 = nn.Conv2d(32, 16, 5, stride=2, padding=2)
         self.shrink3 = nn.Conv2d(16, 8, 3, stride=2, padding=1)
         self.grow1 = nn.ConvTranspose2d(8, 8, 3, stride=2, padding=1, output_padding=1)
         self.grow2 = nn.ConvTranspose2d(8, 16, 5, stride=2, padding=2, output_padding=1)
         self.grow3 = nn.ConvTranspose2d(16, 32, 9, stride=3, padding=3, output_padding=1)
-        self.heads = GraspHeads(32, bins, kernel=2)
-        self.reset_parameters()
+        self.add_heads(32, kernel=2)
 
-    def raw_maps(self, images: Tensor) -> Tensor:
-        """See `GraspNetwork.raw_maps`."""
-        x = self.shrink1(images).relu_()
+    def features(self, images: Tensor) -> Tensor:
+        """See `GraspNetwork.features`."""
+        x: Tensor = self.shrink1(images).relu_()
         for layer in (self.shrink2, self.shrink3, self.grow1, self.grow2, self.grow3):
             x = layer(x).relu_()
-        maps: Tensor = self.heads(x)
-        return maps
+        return x
 
 
 class GGCNN2(GraspNetwork):
@@ -59,8 +65,14 @@ class GGCNN2(GraspNetwork):
     name: ClassVar[str] = "ggcnn2"
     granularity: ClassVar[int] = 4
 
-    def __init__(self, channels: int, bins: int = 1) -> None:
-        super().__init__(channels, bins)
+    def __init__(
+        self,
+        channels: int,
+        bins: int = 1,
+        tasks: Sequence[TaskSpec] = (),
+        filters: int | None = None,
+    ) -> None:
+        super().__init__(channels, bins, tasks, filters)
         self.fine1 = nn.Conv2d(channels, 16, 11, padding=5)
         self.fine2 = nn.Conv2d(16, 16, 5, padding=2)
         self.middle1 = nn.Conv2d(16, 16, 5, padding=2)
@@ -69,8 +81,7 @@ class GGCNN2(GraspNetwork):
         self.dilated2 = nn.Conv2d(32, 32, 5, dilation=4, padding=8)
         self.grow1 = self.enlarging_layer(32, 16)
         self.grow2 = self.enlarging_layer(16, 16)
-        self.heads = GraspHeads(16, bins, kernel=1)
-        self.reset_parameters()
+        self.add_heads(16, kernel=1)
 
     def enlarging_layer(self, inputs: int, outputs: int) -> nn.Module:
         """The layer with weights that goes with one doubling of the size."""
@@ -81,8 +92,8 @@ class GGCNN2(GraspNetwork):
         larger: Tensor = layer(features)
         return larger
 
-    def raw_maps(self, images: Tensor) -> Tensor:
-        """See `GraspNetwork.raw_maps`."""
+    def features(self, images: Tensor) -> Tensor:
+        """See `GraspNetwork.features`."""
         # Pooling before the ReLU gives the same numbers as after it, on a quarter of the pixels.
         x = self.fine1(images).relu_()
         x = max_pool2d(self.fine2(x), 2).relu_()
@@ -91,9 +102,7 @@ class GGCNN2(GraspNetwork):
         x = self.dilated1(x).relu_()
         x = self.dilated2(x).relu_()
         x = self.enlarge(self.grow1, x).relu_()
-        x = self.enlarge(self.grow2, x).relu_()
-        maps: Tensor = self.heads(x)
-        return maps
+        return self.enlarge(self.grow2, x).relu_()
 
 
 class GGCNN2Bilinear(GGCNN2):
