@@ -206,6 +206,8 @@ def _fitted(path: Path, network_name: str, tensors: dict[str, Tensor]) -> GraspN
 
 def _match(name: str, tensors: dict[str, Tensor]) -> tuple[GraspNetwork | None, list[str]]:
     """Network ``name`` filled with the tensors, or None and what differs."""
+    if NETWORKS[name].needs_task:
+        return None, ["nobody publishes it under layer names that are known here"]
     layers = list(dict.fromkeys(key.rpartition(".")[0] for key in tensors))
     heads = {k: [m for m in layers if _is_head(m, k)] for k in MAP_NAMES}
     wrong = [f"{len(found)} layers for {k}" for k, found in heads.items() if len(found) != 1]

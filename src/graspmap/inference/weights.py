@@ -255,7 +255,7 @@ def differences(expected: dict[str, Tensor], found: dict[str, Tensor], most: int
 def check_numbers(path: Path, tensors: dict[str, Tensor]) -> None:
     """Raise a `WeightsError` unless all tensors hold finite floating-point numbers."""
     for name, tensor in tensors.items():
-        if not _is_plain(tensor):
+        if not _is_plain(name, tensor):
             raise WeightsError(
                 path,
                 f"{name} is of type {tensor.dtype} in layout {tensor.layout}, {_stored(tensor)}",
@@ -267,11 +267,13 @@ def check_numbers(path: Path, tensors: dict[str, Tensor]) -> None:
             )
 
 
-def _is_plain(tensor: Tensor) -> bool:
+def _is_plain(name: str, tensor: Tensor) -> bool:
     """Whether every number of the tensor is in memory, in a type that all operations know."""
     if tensor.layout != torch.strided or tensor.device.type != "cpu":
         return False
-    known = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
+    known = [torch.float16, torch.bfloat16, torch.float32, torch.float64]
+    if name.endswith(".num_batches_tracked"):  # batch norm's only whole number
+        known.append(torch.int64)
     return tensor.dtype in known and _stored_bytes(tensor) >= tensor.numel() * tensor.itemsize
 
 

@@ -93,6 +93,7 @@ class GraspNetwork(nn.Module):
         smallest: Input sides are padded to at least this.
         published_filters: The published width of its layers; None where it cannot be chosen.
         needs_task: Whether it is only defined with an auxiliary task.
+        auxiliary_stride: Pixels of the input to a cell of the auxiliary tasks' feature maps.
         convolutions: How fresh weights of convolutions are drawn: ``xavier`` (uniform, gain 1) or
             ``pytorch`` (PyTorch's default).
 
@@ -106,6 +107,7 @@ class GraspNetwork(nn.Module):
     smallest: ClassVar[int] = 1
     published_filters: ClassVar[int | None] = None
     needs_task: ClassVar[bool] = False
+    auxiliary_stride: ClassVar[int] = 1
     convolutions: ClassVar[Literal["xavier", "pytorch"]] = "xavier"
     heads: GraspHeads
 
@@ -157,24 +159,19 @@ class GraspNetwork(nn.Module):
         last = self.features(images)
         return last, dict.fromkeys(names, last)
 
-    def add_heads(
-        self, features: int, kernel: int, *, dropout: float = 0.0, branch: tuple[int, int] = (0, 1)
-    ) -> None:
+    def add_heads(self, features: int, kernel: int, *, dropout: float = 0.0) -> None:
         """Make the heads, and draw all weights; the last thing that a constructor does.
 
         Args:
             features: F of the last feature map.
             kernel: Side of the heads' kernels; h - kernel + 1 must be H.
             dropout: Share of the features that the grasp heads drop in training.
-            branch: Features and stride of the auxiliary tasks' feature map, where it is not the
-                last one.
         """
         self.heads = GraspHeads(features, self.bins, kernel, dropout)
-        own = (branch[0] or features, branch[1])
         self.task_heads = nn.ModuleDict()
         for task in self.tasks:
-            width, stride = own if task.name in AUXILIARY_TASKS else (features, 1)
-            self.task_heads[task.name] = make_head(task, width, kernel, stride)
+            stride = self.auxiliary_stride if task.name in AUXILIARY_TASKS else 1
+            self.task_heads[task.name] = make_head(task, features, kernel, stride)
         self.reset_parameters()
 
     def forward(self, images: Tensor) -> GraspMaps[Tensor]:

@@ -94,15 +94,22 @@ class GGCNN2(GraspNetwork):
 
     def features(self, images: Tensor) -> Tensor:
         """See `GraspNetwork.features`."""
+        return self.tail(self.stem(images), ("dilated1", "dilated2", "grow1", "grow2"), self)
+
+    def stem(self, images: Tensor) -> Tensor:
+        """(B, C, H, W) pictures to (B, 16, H / 4, W / 4) features."""
         # Pooling before the ReLU gives the same numbers as after it, on a quarter of the pixels.
         x = self.fine1(images).relu_()
         x = max_pool2d(self.fine2(x), 2).relu_()
         x = self.middle1(x).relu_()
-        x = max_pool2d(self.middle2(x), 2).relu_()
-        x = self.dilated1(x).relu_()
-        x = self.dilated2(x).relu_()
-        x = self.enlarge(self.grow1, x).relu_()
-        return self.enlarge(self.grow2, x).relu_()
+        return max_pool2d(self.middle2(x), 2).relu_()
+
+    def tail(self, x: Tensor, names: Sequence[str], owner: nn.Module) -> Tensor:
+        """Features through the layers of those names (after the stem) that ``owner`` has."""
+        for name in names:
+            layer = getattr(owner, name)
+            x = (self.enlarge(layer, x) if name.startswith("grow") else layer(x)).relu_()
+        return x
 
 
 class GGCNN2Bilinear(GGCNN2):

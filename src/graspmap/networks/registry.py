@@ -9,7 +9,10 @@ import torch
 from graspmap.errors import UnknownNameError
 from graspmap.networks.base import GraspNetwork
 from graspmap.networks.ggcnn import GGCNN, GGCNN2, GGCNN2Bilinear
+from graspmap.networks.grconvnet import GRConvNet, GRConvNet2, GRConvNet3, GRConvNet4
+from graspmap.networks.mtgcnn import MTGCNNa, MTGCNNb, MTGCNNc, MTGCNNd
 from graspmap.networks.tasks import TaskSpec
+from graspmap.networks.unet import UNet
 
 NETWORKS: dict[str, type[GraspNetwork]] = {
     network.name: network
@@ -17,6 +20,15 @@ NETWORKS: dict[str, type[GraspNetwork]] = {
         GGCNN,
         GGCNN2,
         GGCNN2Bilinear,
+        GRConvNet,
+        GRConvNet2,
+        GRConvNet3,
+        GRConvNet4,
+        UNet,
+        MTGCNNa,
+        MTGCNNb,
+        MTGCNNc,
+        MTGCNNd,
     )
 }
 """Network classes by name; each is called with (channels, bins, tasks, filters)."""
