@@ -76,6 +76,10 @@ class FileError(GraspmapError):
         super().__init__(f"{path}: {problem}; {remedy}")
 
 
+class FolderInUseError(FileError):
+    """Another process works in a folder."""
+
+
 class MissingFileError(FileError, FileNotFoundError):
     """A file or folder does not exist."""
 

@@ -14,7 +14,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from graspmap.errors import FileError, FileFormatError, MissingFileError, storage_errors
+from graspmap.errors import (
+    FileError,
+    FileFormatError,
+    FolderInUseError,
+    MissingFileError,
+    storage_errors,
+)
 
 # Without POSIX locks nobody is kept out.
 fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None
@@ -163,7 +169,8 @@ def locked(folder: Path, what: str) -> Iterator[None]:
         what: What runs in it, for the message: ``"training"``.
 
     Raises:
-        FileError: Another process holds it, or it cannot be made.
+        FolderInUseError: Another process holds it.
+        FileError: It cannot be made.
     """
     with storage_errors(folder):
         try:
@@ -176,7 +183,7 @@ def locked(folder: Path, what: str) -> Iterator[None]:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as error:
-                raise FileError(
+                raise FolderInUseError(
                     folder, f"another {what} is running in it", "wait for it, or choose another"
                 ) from error
         yield

@@ -1,0 +1,265 @@
+"""From a table to the runs that fill it: each row, column and fold is one experiment.
+
+Runs with one and the same experiment are one run, whichever row or table asks for them: a run is
+known by the hash of its experiment.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from hashlib import blake2b
+from typing import Any
+
+from graspmap.errors import InvalidInputError
+from graspmap.reproduction.facts import DataFacts, look_at
+from graspmap.reproduction.measures import MEASURES, Need
+from graspmap.reproduction.request import Request, check_request, chosen_folds, chosen_lines
+from graspmap.reproduction.scale import shrink
+from graspmap.reproduction.table_file import Line, Table, Variant, experiment_path, read_table
+from graspmap.training import Experiment, read_experiment
+
+_FREE = ("workers", "device", "checkpoint_minutes")
+"""Keys of the training that change nothing of the result."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One training run.
+
+    Attributes:
+        id: Its name, and that of its folder: the network and the hash of the experiment.
+        experiment: What is trained.
+        title: What it is for, for people.
+        needs: What is to be done after the training.
+    """
+
+    id: str
+    experiment: Experiment
+    title: str
+    needs: frozenset[Need]
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A table, expanded.
+
+    Attributes:
+        request: What was asked for.
+        table: The table.
+        lines: Its rows that are shown: those asked for that the data can give.
+        experiments: Experiment of each (row, column): that of its first fold.
+        published: The same as the thesis has it, on these data.
+        cells: Ids of the runs of each (row, column), by fold.
+        runs: Every run once, the first fold of all rows first.
+        left_out: Rows that the data cannot give, with the reason.
+        unmeasured: Measures that the data cannot give, with the reason.
+        folds: (run, of) folds; None where the experiments divide the data once.
+        facts: What the data hold; None without data.
+    """
+
+    request: Request
+    table: Table
+    lines: tuple[Line, ...]
+    experiments: Mapping[tuple[int, int], Experiment]
+    published: Mapping[tuple[int, int], Experiment]
+    cells: Mapping[tuple[int, int], tuple[str, ...]]
+    runs: tuple[Run, ...]
+    left_out: tuple[tuple[str, str], ...]
+    unmeasured: Mapping[str, str]
+    folds: tuple[int, int] | None
+    facts: DataFacts | None
+
+    @property
+    def measures(self) -> tuple[str, ...]:
+        """Measures that are reported, printed ones first."""
+        return (*self.table.measures, *self.table.also)
+
+
+def make_plan(request: Request) -> Plan:
+    """Expand a table to its runs, and see that they can be made.
+
+    Raises:
+        UnknownNameError: There is no such table, or no row matches.
+        InvalidInputError: An option contradicts the table or another option, or the data are too
+            small for the folds or can give no row at all.
+        ConfigError: A key of the experiment is wrong, or one that the table varies itself.
+        FileError: The data are missing or damaged.
+    """
+    table = read_table(request.name)
+    check_request(request, table)
+    lines = chosen_lines(request, table)
+    if table.kind == "times":
+        return _without_runs(request, table, lines)
+    assert request.data is not None  # check_request saw to it
+    changes = request.changes
+    facts = look_at(request.data, changes.get("data.depth"))
+    test = None
+    if request.test_data is not None:
+        test = look_at(request.test_data, changes.get("data.test.depth"))
+    folds = chosen_folds(request, table, facts)
+    builder = _Builder(request, facts, test, folds)
+    kept, left_out = [], []
+    for line in lines:
+        reason = builder.impossible(line, table.columns) if line.experiment else None
+        if reason is None:
+            kept.append(line)
+        else:
+            left_out.append((line.title, reason))
+    if not kept:
+        reasons = "; ".join(dict.fromkeys(reason for _, reason in left_out))
+        raise InvalidInputError(
+            f"--data {request.data} for {request.name}",
+            f"not enough for any row ({reasons})",
+            "data that have what the rows need",
+        )
+    unmeasured = {}
+    if not (test or facts).trials:
+        unmeasured["sgt"] = "no depth with a camera or a record, so grasps cannot be tried"
+    return _filled(builder, table, tuple(kept), tuple(left_out), unmeasured)
+
+
+@dataclass(frozen=True, eq=False)
+class _Builder:
+    """Makes the experiments of a table."""
+
+    request: Request
+    facts: DataFacts
+    test: DataFacts | None
+    folds: tuple[int, int] | None
+
+    def published(self, line: Line, variant: Variant, fold: int) -> Experiment:
+        """As the thesis has it, on the data of the request."""
+        return self._read(line, variant, fold, {})
+
+    def make(self, line: Line, variant: Variant, fold: int) -> Experiment:
+        """As it is run."""
+        experiment = self._read(line, variant, fold, self.request.changes)
+        small = shrink(experiment, self.request.scale, self._batches(experiment))
+        return small.model_copy(update={"name": self.identify(small)})
+
+    def impossible(self, line: Line, variants: Sequence[Variant]) -> str | None:
+        """Why a row cannot be made from the data; None where it can."""
+        for variant in variants:
+            experiment = self._read(line, variant, 0, self.request.changes)
+            reason = self.facts.lacks(experiment)
+            if reason is None and self.test is not None:
+                bare = experiment.model_copy(update={"tasks": type(experiment.tasks)()})
+                reason = self.test.lacks(bare)
+                reason = reason and f"{reason} (--test-data)"
+            if reason is not None:
+                return reason
+        return None
+
+    def identify(self, experiment: Experiment) -> str:
+        """Name of the run: what it trains, and a hash of all that decides its result."""
+        values = experiment.model_dump(mode="json")
+        del values["name"], values["data"]["cache_dir"]
+        for key in _FREE:
+            del values["training"][key]
+        values["fingerprints"] = [f.fingerprint for f in (self.facts, self.test) if f is not None]
+        text = json.dumps(values, sort_keys=True, separators=(",", ":"))
+        digest = blake2b(text.encode(), digest_size=6).hexdigest()
+        return f"{experiment.network.name}-{digest}"
+
+    def _read(
+        self, line: Line, variant: Variant, fold: int, changes: Mapping[str, Any]
+    ) -> Experiment:
+        assert line.experiment is not None  # quoted rows have no runs
+        values = {
+            **line.changes,
+            **variant.set,
+            "seed": self.request.seed,
+            "data.source": self.facts.source,
+            **changes,
+        }
+        if self.test is not None:
+            values["data.test.source"] = self.test.source
+        if self.folds is not None:
+            values |= {"data.split.folds": self.folds[1], "data.split.fold": fold}
+        return read_experiment(experiment_path(line.experiment), values)
+
+    def _batches(self, experiment: Experiment) -> int:
+        """Batches of one pass over the training part, about."""
+        split = experiment.data.split
+        train = split.train if self.folds is None else 1 - 1 / self.folds[1]
+        scenes = train * len(self.facts.scenes)
+        if split.limit_objects is not None:
+            each = 1.0 if split.by == "image" else len(self.facts.scenes) / self.facts.objects
+            scenes = min(scenes, split.limit_objects * each)
+        return max(1, math.ceil(scenes / experiment.training.batch_size))
+
+
+def _filled(
+    builder: _Builder,
+    table: Table,
+    lines: tuple[Line, ...],
+    left_out: tuple[tuple[str, str], ...],
+    unmeasured: Mapping[str, str],
+) -> Plan:
+    runs: dict[str, Run] = {}
+    cells: dict[tuple[int, int], tuple[str, ...]] = {}
+    experiments: dict[tuple[int, int], Experiment] = {}
+    published: dict[tuple[int, int], Experiment] = {}
+    needs = _needs(table, unmeasured)
+    for fold, row, column in _places(table, lines, builder.folds):
+        line, variant = lines[row], table.columns[column]
+        experiment = builder.make(line, variant, fold)
+        experiments.setdefault((row, column), experiment)
+        published.setdefault((row, column), builder.published(line, variant, fold))
+        words = [line.title, variant.name]
+        if builder.folds is not None:
+            words.append(f"fold {fold + 1} of {builder.folds[1]}")
+        title = ", ".join(word for word in words if word)
+        run = Run(experiment.name, experiment, title, needs)
+        runs.setdefault(run.id, run)
+        cells[row, column] = (*cells.get((row, column), ()), run.id)
+    return Plan(
+        request=builder.request,
+        table=table,
+        lines=lines,
+        experiments=experiments,
+        published=published,
+        cells=cells,
+        runs=tuple(runs.values()),
+        left_out=left_out,
+        unmeasured=unmeasured,
+        folds=builder.folds,
+        facts=builder.facts,
+    )
+
+
+def _needs(table: Table, unmeasured: Mapping[str, str]) -> frozenset[Need]:
+    measures = (*table.measures, *table.also)
+    needs = {MEASURES[name].need for name in measures if name not in unmeasured}
+    if table.kind == "thresholds":
+        needs.add("overlaps")
+    return frozenset(needs)
+
+
+def _places(
+    table: Table, lines: Sequence[Line], folds: tuple[int, int] | None
+) -> Iterator[tuple[int, int, int]]:
+    """(fold, row, column): all rows get their first fold before any gets its second."""
+    for fold in range(1 if folds is None else folds[0]):
+        for row, line in enumerate(lines):
+            if line.experiment is not None:
+                yield from ((fold, row, column) for column in range(len(table.columns)))
+
+
+def _without_runs(request: Request, table: Table, lines: tuple[Line, ...]) -> Plan:
+    """The plan of a table that only times networks."""
+    experiments: dict[tuple[int, int], Experiment] = {}
+    published: dict[tuple[int, int], Experiment] = {}
+    for row, line in enumerate(lines):
+        if line.experiment is None:
+            continue
+        read = partial(read_experiment, experiment_path(line.experiment))
+        published[row, 0] = read(line.changes)
+        experiments[row, 0] = read({**line.changes, **request.changes})
+    return Plan(
+        request, table, lines, experiments, published, {}, (), (), {}, None, None
+    )  # fmt: skip
