@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from graspmap.data.jacquard_labels import smallest_jaws
     from graspmap.data.jacquard_predictions import read_predictions, write_predictions
     from graspmap.data.kinds import KINDS, read_scenes
+    from graspmap.data.limit import limit_objects
     from graspmap.data.scene import Scene, Scenes
     from graspmap.data.split import Split, make_folds, make_split, read_split
     from graspmap.data.store import Store, open_store
@@ -52,6 +53,7 @@ __all__ = [
     "cornell_labels",
     "fill_depth",
     "input_window",
+    "limit_objects",
     "make_folds",
     "make_split",
     "open_store",
@@ -84,6 +86,7 @@ _HOME = {
     "cornell_labels": "appendix",
     "fill_depth": "images",
     "input_window": "images",
+    "limit_objects": "limit",
     "make_folds": "split",
     "make_split": "split",
     "open_store": "store",

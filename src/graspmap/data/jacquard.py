@@ -10,6 +10,8 @@ Layout, nested by object or flat, all files but the first may be missing:
     <object>/<i>_<object>_negatives.txt       our addition: grasps that failed, and how
     <object>/<i>_<object>_camera.json         our addition: intrinsics and, where it is known, the
                                               pose (``T_world_camera``, 4 x 4), where not Jacquard's
+    <object>/<i>_<object>_scene.json          our addition: the record of a generated scene; of it
+                                              only the objects' class names are read here
 
 ``x;y`` is the centre in pixels, ``theta`` the direction of the opening in degrees, CLOCKWISE on
 screen (`Grasps` has it counter-clockwise), ``opening`` and ``jaw`` are pixels. A grasp repeats once
@@ -38,6 +40,7 @@ from graspmap.data import files
 from graspmap.data.jacquard_labels import (
     format_grasps,
     format_negatives,
+    read_class_names,
     read_grasps,
     read_negatives,
     smallest_jaws,
@@ -84,6 +87,7 @@ class JacquardFiles:
     grasps: Path | None
     negatives: Path | None
     camera: Path | None
+    record: Path | None
 
 
 _SUFFIX = {
@@ -94,6 +98,7 @@ _SUFFIX = {
     "grasps": "_grasps.txt",
     "negatives": "_negatives.txt",
     "camera": "_camera.json",
+    "record": "_scene.json",
 }
 
 
@@ -101,7 +106,9 @@ class JacquardScenes(Scenes):
     """The scenes of a folder in Jacquard's layout, sorted by object and number.
 
     A scene's id is ``<i>_<object>``, its object_id ``<object>``. Grasps are in the pixels of the
-    scene's own picture.
+    scene's own picture. Its labels are what the record of a generated scene says of its one object:
+    its shape (``specific``) and the family of the shape (``general``); scenes of several objects,
+    of meshes, and Jacquard's own have none.
 
     Args:
         root: Folder with the files, at any depth below it.
@@ -174,6 +181,7 @@ class JacquardScenes(Scenes):
             camera=camera,
             T_world_camera=pose,
             object_id=self.object_id(index),
+            labels={} if paths.record is None else read_class_names(paths.record),
         )
 
     def read_grasps(self, index: int) -> Grasps | None:
@@ -192,7 +200,8 @@ class JacquardScenes(Scenes):
         """The files that scene ``index`` is read from (those that exist)."""
         paths = self._paths[index]
         labels = (paths.grasps, paths.negatives)
-        used = (paths.rgb, self._depth_path(paths), paths.mask, *labels, paths.camera)
+        others = (paths.camera, paths.record)
+        used = (paths.rgb, self._depth_path(paths), paths.mask, *labels, *others)
         return tuple(path for path in used if path is not None)
 
     def object_id(self, index: int) -> str:

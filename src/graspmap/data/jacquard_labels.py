@@ -8,6 +8,7 @@ grasp failed: ``collided``, ``empty``, ``slipped``, ``dropped``.
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Sequence
@@ -16,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from graspmap.errors import FileFormatError, InvalidInputError
-from graspmap.files import read_lines
+from graspmap.files import read_bytes, read_lines
 from graspmap.geometry.grasps import Grasps
 
 _LINE = "a line is x;y;theta;opening;jaw (pixels, degrees clockwise), five finite numbers"
@@ -100,6 +101,18 @@ def smallest_jaws(grasps: Grasps) -> Grasps:
     chosen = order[starts]
     appearance = np.minimum.reduceat(order, starts)
     return grasps[chosen[np.argsort(appearance)]]
+
+
+def read_class_names(path: Path) -> dict[str, str]:
+    """Class names by kind from the record of a generated scene; none of several objects."""
+    try:
+        objects = json.loads(read_bytes(path))["objects"]
+        labels = objects[0].get("labels", {}) if len(objects) == 1 else {}
+        return {str(kind): str(name) for kind, name in labels.items()}
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise FileFormatError(
+            path, "is no record of a scene", "copy the file again, or make the scene again"
+        ) from error
 
 
 def _lines(grasps: Grasps) -> list[str]:

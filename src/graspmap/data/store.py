@@ -39,13 +39,15 @@ from graspmap.geometry.transforms import RigidTransform
 fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 
 _LOG = logging.getLogger(__name__)
-_VERSION = 3  # counts up whenever the same sources would give other bytes
+_VERSION = 4  # counts up whenever the same sources would give other bytes
 _META = "store.json"
 _PICTURES: dict[str, tuple[Any, tuple[int, ...]]] = {
     "rgb": (np.uint8, (3,)),
     "depth": (np.float32, ()),
     "mask": (np.bool_, ()),
+    "measured": (np.bool_, ()),  # only where the depth has holes, which are filled in "depth"
 }
+_SCENE_PICTURES = ("rgb", "depth", "mask")
 _LABELS = ("grasps", "negatives")
 _LABEL_FILES = (".npy", "_offsets.npy")
 _REMEDY = "delete the folder, it is built again at the next use"
@@ -92,15 +94,35 @@ class Store(Scenes):
 
     def inside(self, index: int) -> Mask:
         """(S, S) where the input of scene ``index`` shows its picture, not the repeated border."""
-        shape = self._meta["scenes"][index]["shape"]
-        return images.warp(np.ones(shape, np.bool_), self.matrix(index), self.size, fill=False)
+        shown = np.ones(self.shape(index), np.bool_)
+        return images.warp(shown, self.matrix(index), self.size, fill=False)
+
+    def measured(self, index: int) -> Mask | None:
+        """(S, S) True where the depth of scene ``index`` was measured and not filled in.
+
+        A pixel counts as measured where at least half of what it shows was. None where there is no
+        hole at all, or no depth.
+        """
+        found = self._meta["scenes"][index]["measured"]
+        return self._arrays["measured"][index] if found else None
+
+    def shape(self, index: int) -> tuple[int, int]:
+        """(rows, columns) of the picture of scene ``index`` before it was packed."""
+        rows, columns = self._meta["scenes"][index]["shape"]
+        return rows, columns
+
+    def labels(self, index: int) -> dict[str, str]:
+        """Class names of scene ``index`` by kind."""
+        names: dict[str, str] = self._meta["scenes"][index]["labels"]
+        return dict(names)
 
     def read(self, index: int) -> Scene:
         """Scene number ``index``, without copying its pictures."""
         facts = self._meta["scenes"][index]
+        pictures = {name: self._arrays[name][index] for name in _SCENE_PICTURES if facts[name]}
         return Scene(
             id=self.ids[index],
-            **{name: self._arrays[name][index] if facts[name] else None for name in _PICTURES},
+            **pictures,
             grasps=self._labels("grasps", index),
             negatives=self._labels("negatives", index),
             camera=Camera(**facts["camera"]) if facts["camera"] else None,
@@ -309,6 +331,10 @@ class _Builder:
                 raise InvalidInputError(
                     f"depth of scene {scene.id}", error.found, error.allowed
                 ) from error
+            measured = np.isfinite(scene.depth)
+            if not measured.all():
+                share = images.warp(measured.astype(np.float32), matrix, self._size)
+                pictures["measured"] = share >= 0.5
         camera = None
         if scene.camera is not None:
             camera = asdict(scene.camera.transformed(matrix, self._size, self._size))

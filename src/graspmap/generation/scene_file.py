@@ -128,6 +128,7 @@ def write_record(record: SceneRecord, folder: Path) -> Path:
         objects=tuple(
             _Object(
                 id=item.id,
+                labels=item.source.labels(item.id),
                 source=item.source,
                 fingerprint=item.fingerprint,
                 T_world_object=_rows(item.T_world_object),
@@ -197,6 +198,7 @@ class _Strict(BaseModel):
 
 class _Object(_Strict):
     id: str
+    labels: dict[str, str] = {}  # older records have none
     source: Source
     fingerprint: Fingerprint
     T_world_object: Rows

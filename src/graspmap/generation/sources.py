@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from graspmap.errors import InvalidInputError
 from graspmap.generation.model_file import read_model
 from graspmap.simulation.objects import ObjectModel
-from graspmap.simulation.procedural import ObjectRanges, make_object
+from graspmap.simulation.procedural import ObjectRanges, family_of, make_object
 
 _SAME = 1e-6  # relative; another processor may round otherwise, another version differs by more
 
@@ -36,6 +36,11 @@ class ProceduralSource(_Strict):
     family: str | None
     ranges: ObjectRanges
 
+    def labels(self, id: str) -> dict[str, str]:
+        """Shape (specific) and family (general) of the object, from the id that it was given."""
+        shape = id.removesuffix(f"-{self.index:06d}")
+        return {"specific": shape, "general": family_of(shape)}
+
     def model(self, id: str, root: Path) -> ObjectModel:  # noqa: ARG002  # as the other sources
         """Make the object; ``root`` is not looked at."""
         return make_object(self.seed, self.index, ranges=self.ranges, family=self.family)
@@ -54,6 +59,10 @@ class MeshSource(_Strict):
     file: str
     hash: str
     model_file: str
+
+    def labels(self, id: str) -> dict[str, str]:  # noqa: ARG002  # as the other sources
+        """Nothing: what a mesh shows is not known."""
+        return {}
 
     def model(self, id: str, root: Path) -> ObjectModel:
         """Read the model file.

@@ -43,7 +43,7 @@ class NetworkSection(_Section):
     name: str = "ggcnn2"
     channels: Literal["depth", "rgb", "rgbd"] = "depth"
     bins: Annotated[int, Field(ge=1, le=1024)] = 1
-    filters: Annotated[int, Field(ge=1, le=4096)] | None = None
+    filters: Annotated[int, Field(ge=1, le=256)] | None = None
 
 
 class SaliencyTask(_Section):

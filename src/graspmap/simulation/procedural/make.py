@@ -94,6 +94,18 @@ def make_object(
     )
 
 
+def family_of(shape: str) -> str:
+    """Name of the family that has a shape: ``"handled"`` for ``"mug"``.
+
+    Raises:
+        UnknownNameError: There is no such shape.
+    """
+    for name, family in FAMILIES.items():
+        if shape in family.shapes:
+            return name
+    raise UnknownNameError("shape", shape, [name for f in FAMILIES.values() for name in f.shapes])
+
+
 def _choose(draw: Draw, family: str | None) -> tuple[str, Builder]:
     number = draw.rng.random()  # drawn in any case: a family of its own changes nothing else
     if family is None:
