@@ -111,6 +111,10 @@ class Store(Scenes):
         rows, columns = self._meta["scenes"][index]["shape"]
         return rows, columns
 
+    def has(self, index: int, picture: str) -> bool:
+        """Whether scene ``index`` has a picture: ``"rgb"``, ``"depth"`` or ``"mask"``."""
+        return bool(self._meta["scenes"][index][picture])
+
     def labels(self, index: int) -> dict[str, str]:
         """Class names of scene ``index`` by kind."""
         names: dict[str, str] = self._meta["scenes"][index]["labels"]

@@ -52,6 +52,8 @@ class DataCard(BaseModel):
         split_hash: Hash of the split's content.
         store_key: Key of the packed cache, which is a hash over all source files.
         scenes: Number of scenes by part.
+        test_source: Data set of the test part, where it is another one.
+        classes: Class names of the category task, in the order of its outputs.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
@@ -62,6 +64,8 @@ class DataCard(BaseModel):
     split_hash: str | None = None
     store_key: str | None = None
     scenes: dict[str, int] = Field(default_factory=dict)
+    test_source: str | None = None
+    classes: tuple[str, ...] = ()
 
 
 class WeightsCard(BaseModel):

@@ -5,7 +5,7 @@ Letters in shapes: B pictures, N orientation bins, H rows, W columns.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -116,15 +116,42 @@ class MultiTaskLoss(nn.Module):
             InvalidInputError: Shapes differ, or what the network says on a task, or its truth, is
                 missing.
         """
-        grasp = self.grasp(maps, targets.maps)
+        grasp, tasks = self.parts(maps, said, targets)
+        return MultiTaskTerms(self.weigh(grasp, tasks), grasp, tasks)
+
+    def parts(
+        self,
+        maps: GraspMaps[Tensor],
+        said: Mapping[str, Tensor],
+        targets: Targets,
+        names: Collection[str] | None = None,
+    ) -> tuple[GraspLossTerms, dict[str, Tensor]]:
+        """The grasp loss, and the loss of each task, not weighed.
+
+        Args:
+            maps: As for `forward`.
+            said: As for `forward`.
+            targets: As for `forward`.
+            names: The tasks whose truth is known; None for all.
+
+        Raises:
+            InvalidInputError: As from `forward`.
+        """
         losses = {}
         for name, loss in self.tasks.items():
+            if names is not None and name not in names:
+                continue
             truth, *known = _TRUTH[name](targets)
             for what, value in (("output", said.get(name)), ("target", truth)):
                 if value is None:
                     raise InvalidInputError(f"{what} of the task {name}", "missing", "a tensor")
             losses[name] = loss(said[name], truth, *known)
-        return MultiTaskTerms(self.weighting({GRASP: grasp.total, **losses}), grasp, losses)
+        return self.grasp(maps, targets.maps), losses
+
+    def weigh(self, grasp: GraspLossTerms, tasks: Mapping[str, Tensor]) -> Tensor:
+        """What is minimised, from what `parts` gives for all tasks; a scalar."""
+        total: Tensor = self.weighting({GRASP: grasp.total, **tasks})
+        return total
 
 
 def make_task_loss(

@@ -25,26 +25,34 @@ from lightning.pytorch.callbacks import Callback, Checkpoint
 
 from graspmap.errors import FileFormatError, MissingFileError
 from graspmap.files import read_lines, write_bytes, write_text
+from graspmap.training.experiment import Experiment
 from graspmap.training.module import GraspModule
-from graspmap.training.state import LOSS_NAMES
+from graspmap.training.tasks import METRICS, loss_names, metric_names
 
 Progress = Callable[[str], AbstractContextManager[Callable[[int, int], None]]]
 """Called with a title; gives a context whose value is called with (done, total)."""
 
-COLUMNS = (
-    "epoch",
-    "step",
-    *(f"train_{name}" for name in LOSS_NAMES),
-    *(f"validation_{name}" for name in LOSS_NAMES),
-    "success",
-    "miou",
-    "learning_rate",
-    "seconds",
-)
-"""Columns of metrics.csv; epoch 0 is the untrained network."""
-
 _REMEDY = "delete the folder and train anew, or restore the file from a backup"
 _logger = logging.getLogger(__name__)
+
+
+def columns(experiment: Experiment | None = None) -> tuple[str, ...]:
+    """Columns of metrics.csv; epoch 0 is the untrained network.
+
+    Args:
+        experiment: Whose; None for all that there can be.
+    """
+    return (
+        "epoch",
+        "step",
+        *(f"train_{name}" for name in loss_names(experiment)),
+        *(f"validation_{name}" for name in loss_names(experiment)),
+        "success",
+        "miou",
+        *metric_names(experiment),
+        "learning_rate",
+        "seconds",
+    )
 
 
 def no_progress(title: str) -> AbstractContextManager[Callable[[int, int], None]]:
@@ -152,13 +160,16 @@ class MetricsLog(Callback):
     Args:
         module: The module in training.
         folder: The run's folder.
+        experiment: Says what is measured.
         fresh: Whether the run has no state yet, so that row 0 is still to come; otherwise rows
             past the module's state are dropped.
     """
 
-    def __init__(self, module: GraspModule, folder: Path, *, fresh: bool) -> None:
+    def __init__(
+        self, module: GraspModule, folder: Path, experiment: Experiment, *, fresh: bool
+    ) -> None:
         super().__init__()
-        self._module = module
+        self._module, self._columns = module, columns(experiment)
         self._jsonl, self._csv = folder / "metrics.jsonl", folder / "metrics.csv"
         self._board = folder / "tensorboard"
         self._writer: Any = None
@@ -200,7 +211,7 @@ class MetricsLog(Callback):
         lines = "".join(json.dumps(row) + "\n" for row in self._rows)
         write_text(self._jsonl, lines, durable=True)
         table = io.StringIO()
-        writer = csv.DictWriter(table, COLUMNS, restval="", lineterminator="\n")
+        writer = csv.DictWriter(table, self._columns, restval="", lineterminator="\n")
         writer.writeheader()
         writer.writerows(self._rows)
         write_text(self._csv, table.getvalue(), durable=True)
@@ -214,12 +225,12 @@ def read_rows(path: Path) -> list[dict[str, float]]:
     """
     if not path.exists():
         return []
-    rows = []
+    rows, known = [], set(columns())
     for number, line in read_lines(path):
         try:
             row = json.loads(line)
             row["epoch"] = int(row["epoch"])
-            if not row.keys() <= set(COLUMNS):
+            if not row.keys() <= known:
                 raise KeyError("unknown key")
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise FileFormatError(path, f"line {number} is damaged", "delete that line") from error
@@ -271,12 +282,18 @@ class Report(Callback):
     def _outcome(self) -> None:
         row = self._module.row
         trained = f"loss {row['train_loss']:.5f}, " if "train_loss" in row else ""
+        tasks = "".join(
+            f", {name.replace('_', ' ')} {row[name]:.3f}"
+            for name in METRICS.values()
+            if name in row
+        )
         _logger.info(
-            "epoch %d: %svalidation loss %.5f, success at 0.25 %.1f %%",
+            "epoch %d: %svalidation loss %.5f, success at 0.25 %.1f %%%s",
             row["epoch"],
             trained,
             row["validation_loss"],
             100 * row["success"],
+            tasks,
         )
 
 

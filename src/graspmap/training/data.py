@@ -24,9 +24,11 @@ from graspmap.geometry import Grasps
 from graspmap.maps import draw_maps
 from graspmap.training.experiment import Experiment
 from graspmap.training.state import RunState
+from graspmap.training.targets import task_targets
 
 Batch = dict[str, torch.Tensor]
-"""``input`` (B, C, S, S); ``target`` (B, 4, N, S, S) quality, cos, sin, width; ``index`` (B,)."""
+"""``input`` (B, C, S, S); ``target`` (B, 4, N, S, S) quality, cos, sin, width; ``index`` (B,); and
+what `graspmap.training.targets.task_targets` gives for the tasks."""
 
 _ORDER, _MOVE = 0, 1
 """Which stream of random numbers: the order of the scenes, or the motion of one picture."""
@@ -102,21 +104,34 @@ class Samples(Dataset[dict[str, NDArray[Any]]]):
         store: Packed pictures and labels.
         experiment: Channels, size, bins, augmentation, and how maps are drawn.
         width_scale_px: Opening in input pixels that the width map shows as 1.
+        tasks: Tasks whose truth is given, too.
+        classes: All classes of the category task.
     """
 
     store: Store
     experiment: Experiment
     width_scale_px: float
+    tasks: tuple[str, ...] = ()
+    classes: tuple[str, ...] = ()
 
     def __getitem__(self, draw: Draw) -> dict[str, NDArray[Any]]:
-        """``input`` (C, S, S), ``target`` (4, N, S, S) and ``index``, as NumPy arrays."""
+        """``input`` (C, S, S), ``target`` (4, N, S, S), ``index`` and the truth of the tasks."""
         scene = self.store[draw.scene]
         matrix = np.eye(3)
         if draw.epoch >= 0:
             rng = np.random.default_rng((self.experiment.seed, _MOVE, draw.epoch, draw.position))
             matrix = augmentation(self.experiment).draw(rng, self.experiment.data.size)
         sample = make_sample(scene, matrix, self.experiment, self.width_scale_px)
-        return {**sample, "index": np.array(draw.scene)}
+        category = self.experiment.tasks.category
+        truth = task_targets(
+            self.tasks,
+            self.store,
+            draw.scene,
+            matrix,
+            label=None if category is None else category.labels,
+            classes=self.classes,
+        )
+        return {**sample, **truth, "index": np.array(draw.scene)}
 
 
 def augmentation(experiment: Experiment) -> Augmentation:

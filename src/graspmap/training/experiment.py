@@ -185,6 +185,8 @@ class TestSection(_Section):
         limit_objects: Tests on this many of its objects only, drawn with the seed; null on all.
     """
 
+    __test__ = False  # pytest takes the name for a test
+
     source: str
     depth: Literal["perfect", "stereo", "z", "range"] | None = None
     view: View | None = None

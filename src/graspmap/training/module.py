@@ -1,4 +1,4 @@
-"""The Lightning module: loss on training pictures, loss and rectangle success on validation.
+"""The Lightning module: loss on training pictures; loss, success and task metrics on validation.
 
 Letters in shapes: B pictures, N bins, S side of the input.
 """
@@ -18,13 +18,16 @@ from torch import Tensor
 from graspmap.data import Store
 from graspmap.errors import GraspmapError
 from graspmap.geometry import Grasps
-from graspmap.losses import GraspLoss
+from graspmap.losses import UncertaintyWeighting
 from graspmap.maps import GraspMaps, find_grasps
 from graspmap.metrics import best_overlap
 from graspmap.networks import GraspNetwork
 from graspmap.training.data import Batch
 from graspmap.training.experiment import Experiment
-from graspmap.training.state import LOSS_NAMES, RunState, Verdict
+from graspmap.training.scores import TaskScores
+from graspmap.training.state import RunState, Verdict
+from graspmap.training.targets import batch_targets
+from graspmap.training.tasks import loss_names, make_loss
 
 SUCCESS_OVERLAP = 0.25
 """Overlap that a right grasp exceeds, for choosing the best epoch."""
@@ -48,12 +51,14 @@ class GraspModule(lightning.LightningModule):
         state: Where the run stands; the module moves it on and keeps it in checkpoints.
         store: The scenes; their labels say which grasps are right.
         width_scale_px: Opening in input pixels that the width map shows as 1.
+        tasks: Tasks whose truth the scenes have; None for all of the experiment.
 
     Attributes:
         row: Metrics of the last complete epoch, for the log.
         verdict: What that epoch meant.
         overlaps: Best overlap of each scene of the last validation or test, by index.
-        loss_value: Mean loss of that validation or test.
+        loss_value: Mean loss of that validation or test; NaN where the truth of a task is unknown.
+        task_means: Metrics of the tasks there, by name.
     """
 
     def __init__(
@@ -64,15 +69,19 @@ class GraspModule(lightning.LightningModule):
         *,
         store: Store,
         width_scale_px: float,
+        tasks: tuple[str, ...] | None = None,
     ) -> None:
         super().__init__()
         self.network, self.state = network, state
         self._experiment, self._store, self._width_scale_px = experiment, store, width_scale_px
-        self._loss = GraspLoss(experiment.loss.base, experiment.loss.positional)
+        self._loss, self._names = make_loss(experiment), loss_names(experiment)
+        self._tasks = experiment.tasks.names if tasks is None else tasks
         self.row: dict[str, float] = {}
         self.verdict: Verdict | None = None
         self.overlaps: dict[int, float] = {}
         self.loss_value = math.nan
+        self.task_means: dict[str, float] = {}
+        self._scores = TaskScores(())
         self._sums: Tensor | None = None
         self._held_out: Tensor | None = None
         self._clock = time.monotonic()
@@ -82,13 +91,18 @@ class GraspModule(lightning.LightningModule):
     def configure_optimizers(self) -> torch.optim.Optimizer:
         """The optimiser; the schedule is `RunState`'s (Lightning forgets one on resuming)."""
         values = self._experiment.optimiser
+        groups: list[dict[str, Any]] = [{"params": list(self.network.parameters())}]
+        if learned := list(self._loss.parameters()):
+            # Weights of losses, not of layers: decay would pull the tasks' variances towards 1.
+            groups.append({"params": learned, "weight_decay": 0.0})
         return _OPTIMISERS[values.name](
-            self.network.parameters(), lr=values.learning_rate, weight_decay=values.weight_decay
+            groups, lr=values.learning_rate, weight_decay=values.weight_decay
         )
 
     def on_train_epoch_start(self) -> None:
         """Take up the sums of a half-done epoch."""
-        self._sums = torch.tensor(self.state.sums, dtype=torch.float64, device=self.device)
+        sums = self.state.sums or [0.0] * (len(self._names) + 1)
+        self._sums = torch.tensor(sums, dtype=torch.float64, device=self.device)
         self._clock = time.monotonic() - self.state.seconds
 
     def on_train_batch_start(self, batch: Batch, batch_idx: int) -> None:
@@ -100,7 +114,7 @@ class GraspModule(lightning.LightningModule):
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
         """Loss of one batch."""
         del batch_idx
-        _, terms = self._forward(batch)
+        _, terms = self._forward(batch, score=False)
         assert self._sums is not None
         self._sums += _weighted(terms, len(batch["input"]))
         return terms[0]
@@ -108,12 +122,13 @@ class GraspModule(lightning.LightningModule):
     def on_validation_epoch_start(self) -> None:
         """Begin counting."""
         self.overlaps = {}
-        self._held_out = torch.zeros(len(LOSS_NAMES) + 1, dtype=torch.float64, device=self.device)
+        self._held_out = torch.zeros(len(self._names) + 1, dtype=torch.float64, device=self.device)
+        self._scores = TaskScores(self._tasks, self.device)
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         """Loss and overlap of the best grasp with the labels, scene by scene."""
         del batch_idx
-        maps, terms = self._forward(batch)
+        maps, terms = self._forward(batch, score=True)
         assert self._held_out is not None
         self._held_out += _weighted(terms, len(batch["input"]))
         arrays = GraspMaps(*(m.detach().float().cpu().numpy() for m in maps))
@@ -136,7 +151,7 @@ class GraspModule(lightning.LightningModule):
         """
         assert self._held_out is not None
         means = _means(self._held_out.tolist())
-        self.loss_value = means[0]
+        self.loss_value, self.task_means = means[0], self._scores.means()
         if self.trainer.testing:
             return
         overlaps = np.array(list(self.overlaps.values()))
@@ -149,7 +164,7 @@ class GraspModule(lightning.LightningModule):
             self.store_sums()
             trained = _means(self.state.sums)
             row |= {"epoch": self.state.epoch + 1}
-            row |= {f"train_{name}": v for name, v in zip(LOSS_NAMES, trained, strict=True)}
+            row |= {f"train_{name}": v for name, v in zip(self._names, trained, strict=True)}
             row |= {"learning_rate": self._rate(1.0), "seconds": round(self.state.seconds, 3)}
             if not math.isfinite(sum(trained) + sum(means)):
                 raise GraspmapError(
@@ -158,8 +173,9 @@ class GraspModule(lightning.LightningModule):
                 )
             self.verdict = self.state.end_epoch(success, means[0], self._experiment)
             self._rate(self._experiment.schedule.factor if self.verdict.cut else 1.0)
-        row |= {f"validation_{name}": v for name, v in zip(LOSS_NAMES, means, strict=True)}
-        self.row = row | {"success": success, "miou": float(overlaps.mean())}
+        row |= {f"validation_{name}": v for name, v in zip(self._names, means, strict=True)}
+        row |= {"success": success, "miou": float(overlaps.mean())}
+        self.row = row | self.task_means | self._log_variances()
 
     on_test_epoch_start = on_validation_epoch_start
     test_step = validation_step
@@ -189,13 +205,31 @@ class GraspModule(lightning.LightningModule):
             self.state.sums = self._sums.tolist()
             self.state.seconds = time.monotonic() - self._clock
 
-    def _forward(self, batch: Batch) -> tuple[GraspMaps[Tensor], tuple[Tensor, ...]]:
-        """Maps (B, N, S, S) and the loss with its parts, see `LOSS_NAMES`."""
-        maps = self.network(batch["input"])
+    def _forward(
+        self, batch: Batch, *, score: bool
+    ) -> tuple[GraspMaps[Tensor], tuple[Tensor, ...]]:
+        """Maps (B, N, S, S) to find grasps in, and the loss with its parts, see `loss_names`."""
+        outputs, truth = self.network.outputs(batch["input"]), batch_targets(batch)
         # The loss sums over many small numbers: never in half precision.
-        maps = GraspMaps(*(m.float() for m in maps))
-        terms = self._loss(maps, GraspMaps(*batch["target"].unbind(1)))
-        return maps, (terms.total, terms.quality, terms.cos, terms.sin, terms.width)
+        maps = GraspMaps(*(m.float() for m in outputs.maps))
+        said = {name: tensor.float() for name, tensor in outputs.tasks.items()}
+        grasp, tasks = self._loss.parts(maps, said, truth, self._tasks)
+        nothing = grasp.total.new_tensor(math.nan)  # of a task that cannot be judged here
+        complete = len(tasks) == len(said)
+        total = self._loss.weigh(grasp, tasks) if complete else nothing
+        if score:
+            self._scores.add(said, truth)
+        others = (tasks.get(name, nothing) for name in self._experiment.tasks.names)
+        terms = (total, grasp.quality, grasp.cos, grasp.sin, grasp.width, *others)
+        return outputs.decoded(), terms
+
+    def _log_variances(self) -> dict[str, float]:
+        """The s_i of an uncertainty weighting, by column."""
+        weighting = self._loss.weighting
+        if not isinstance(weighting, UncertaintyWeighting):
+            return {}
+        values = weighting.log_variances.tolist()
+        return {f"uncertainty_{n}": v for n, v in zip(weighting.names, values, strict=True)}
 
     def _rate(self, factor: float) -> float:
         """Multiply the learning rate by ``factor``, and give it."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import signal
 import threading
 import warnings
@@ -17,12 +18,10 @@ import torch
 from lightning.pytorch import Trainer
 from lightning.pytorch.utilities.exceptions import SIGTERMException
 
-from graspmap.data import channel_count
 from graspmap.errors import GraspmapError
 from graspmap.files import locked
 from graspmap.inference import DataCard, WeightsCard, load_weights, save_weights
 from graspmap.metrics import score_rectangles
-from graspmap.networks import make_network
 from graspmap.training.callbacks import (
     Checkpoints,
     MetricsLog,
@@ -37,6 +36,7 @@ from graspmap.training.experiment import Experiment
 from graspmap.training.module import GraspModule
 from graspmap.training.setup import Folder, Setup, choose_device, claim_folder, prepare
 from graspmap.training.state import RunState
+from graspmap.training.tasks import check_experiment, make_experiment_network
 
 _SCORE = 3
 """The stream of random numbers for the intervals of the test."""
@@ -82,8 +82,8 @@ def train(
     """
     folder, progress = Folder(Path(out)), progress or no_progress
     device = choose_device(experiment)
-    # Wrong names are to show before the data are read.
-    make_network(experiment.network.name, channel_count(experiment.network.channels))
+    # Contradictions are to show before the data are read.
+    check_experiment(experiment)
     with locked(folder.root, "training"), _quiet_lightning():
         claim_folder(folder, experiment)
         setup = prepare(experiment, folder, device, progress)
@@ -111,26 +111,37 @@ def _last_state(folder: Folder) -> RunState:
     return state
 
 
-def _module(experiment: Experiment, setup: Setup, state: RunState) -> GraspModule:
+def _module(
+    experiment: Experiment, setup: Setup, state: RunState, *, test: bool = False
+) -> GraspModule:
     """A fresh network in its module; the weights follow from the seed."""
-    network = make_network(
-        experiment.network.name,
-        channel_count(experiment.network.channels),
-        experiment.network.bins,
+    network = make_experiment_network(
+        experiment,
+        max(1, len(setup.classes.names)),
         generator=torch.Generator().manual_seed(experiment.seed),
     )
     return GraspModule(
         network,
         experiment,
         state,
-        store=setup.store,
+        store=setup.test.store if test else setup.store,
         width_scale_px=setup.width_scale_px,
+        tasks=setup.test.tasks if test else None,
     )
 
 
-def _data(experiment: Experiment, setup: Setup, state: RunState) -> GraspData:
-    samples = Samples(setup.store, experiment, setup.width_scale_px)
-    return GraspData(samples, setup.parts, state, pin_memory=setup.device != "cpu")
+def _data(
+    experiment: Experiment, setup: Setup, state: RunState, *, test: bool = False
+) -> GraspData:
+    samples = Samples(
+        setup.test.store if test else setup.store,
+        experiment,
+        setup.width_scale_px,
+        tasks=setup.test.tasks if test else experiment.tasks.names,
+        classes=setup.classes.names,
+    )
+    parts = {"test": setup.test.indices} if test else setup.parts
+    return GraspData(samples, parts, state, pin_memory=setup.device != "cpu")
 
 
 def _fit(experiment: Experiment, setup: Setup, folder: Folder, progress: Progress) -> None:
@@ -148,7 +159,7 @@ def _fit(experiment: Experiment, setup: Setup, folder: Folder, progress: Progres
         # The untrained network is judged like an epoch: it is what training has to beat.
         num_sanity_val_steps=-1 if fresh else 0,
         callbacks=[
-            MetricsLog(module, folder.root, fresh=fresh),
+            MetricsLog(module, folder.root, experiment, fresh=fresh),
             Report(module, experiment.training.epochs, progress),
             Checkpoints(module, folder.checkpoints, experiment.training.checkpoint_minutes),
         ],
@@ -170,7 +181,7 @@ def _finish(
 ) -> WeightsCard:
     """Test the best epoch's network, and write it with its card."""
     state = RunState()
-    module = _module(experiment, setup, state)
+    module = _module(experiment, setup, state, test=True)
     module.load_state_dict(load_checkpoint(folder.best)["state_dict"])
     state.load(load_checkpoint(folder.last)["graspmap"])
     metrics: dict[str, Any] = {
@@ -182,14 +193,14 @@ def _finish(
             "loss": state.best_loss,
         },
     }
-    if setup.parts["test"]:
+    if setup.test.indices:
         # In full precision: that is how the weights are used.
         trainer = _trainer(setup, folder, precision="32-true", callbacks=[])
         with progress("testing") as update, _interruptible(trainer):
-            update(0, len(setup.parts["test"]))
-            data = _data(experiment, setup, state)
+            update(0, len(setup.test.indices))
+            data = _data(experiment, setup, state, test=True)
             trainer.test(module, dataloaders=data.test_dataloader(), verbose=False)
-        metrics["test"] = _score(experiment, module)
+        metrics["test"] = _score(experiment, setup, module)
     network, values = module.network.cpu(), experiment.data
     card = WeightsCard(
         network=experiment.network.name,
@@ -197,6 +208,8 @@ def _finish(
         bins=experiment.network.bins,
         size=values.size,
         view=values.view,
+        tasks=network.tasks,
+        filters=experiment.network.filters,
         width_scale_px=setup.width_scale_px,
         data=DataCard(
             source=values.source,
@@ -204,7 +217,10 @@ def _finish(
             split=folder.split.name,
             split_hash=setup.split_hash,
             store_key=setup.store.key,
-            scenes={part: len(indices) for part, indices in setup.parts.items()},
+            scenes={name: len(found) for name, found in setup.parts.items()}
+            | {"test": len(setup.test.indices)},
+            test_source=None if values.test is None else values.test.source,
+            classes=setup.classes.names,
         ),
         metrics=metrics,
         command=command,
@@ -214,19 +230,32 @@ def _finish(
     return card
 
 
-def _score(experiment: Experiment, module: GraspModule) -> dict[str, Any]:
-    """The rectangle metric of the last test."""
+def _score(experiment: Experiment, setup: Setup, module: GraspModule) -> dict[str, Any]:
+    """The rectangle metric of the last test, and the metrics of the tasks."""
     score = score_rectangles(
         list(module.overlaps.values()), rng=np.random.default_rng((experiment.seed, _SCORE))
     )
-    return {
+    found = {
         "scenes": score.scenes,
         "success": {f"{t:.2f}": value for t, value in score.success.items()},
         "interval": {f"{t:.2f}": list(ends) for t, ends in score.interval.items()},
         "miou": score.miou,
         "auc": score.auc,
-        "loss": module.loss_value,
     }
+    if math.isfinite(module.loss_value):  # not where the truth of a task is not known
+        found["loss"] = module.loss_value
+    found |= {name: value for name, value in module.task_means.items() if math.isfinite(value)}
+    if "category_accuracy" in found:
+        # What a network that has learned nothing would say, and what it would be right in here.
+        kind, most = experiment.tasks.category, setup.classes.most
+        labels = [setup.test.store.labels(i) for i in setup.test.indices]
+        right = sum(kind is not None and names.get(kind.labels) == most for names in labels)
+        found["category_majority"] = {
+            "class": most,
+            "train_share": setup.classes.share,
+            "test_share": right / len(labels),
+        }
+    return found
 
 
 def _trainer(setup: Setup, folder: Folder, **options: Any) -> Trainer:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from graspmap.data import (
     Scenes,
     Split,
     Store,
+    limit_objects,
     make_folds,
     make_split,
     open_store,
@@ -31,8 +32,15 @@ from graspmap.errors import (
 from graspmap.files import read_bytes, remove_parts, write_text
 from graspmap.training.callbacks import Progress
 from graspmap.training.data import greatest_opening
-from graspmap.training.experiment import Experiment
+from graspmap.training.experiment import Experiment, TestSection
 from graspmap.training.experiment_file import read_experiment
+from graspmap.training.needs import (
+    Classes,
+    Contents,
+    check_contents,
+    find_classes,
+    known_tasks,
+)
 
 PARTS = ("train", "validation", "test")
 
@@ -47,6 +55,7 @@ FREE_KEYS = frozenset(
 )
 """What may change when a run goes on: nothing of it changes an epoch that is done."""
 
+_logger = logging.getLogger(__name__)
 _ANEW = "choose another folder, or delete this one to train anew"
 
 
@@ -97,12 +106,31 @@ class Folder:
 
 
 @dataclass(frozen=True)
+class TestData:
+    """What a run is tested on.
+
+    Attributes:
+        store: Packed pictures and labels: those of the run, or of another data set.
+        indices: Labelled scenes of it to test on; empty for no test.
+        tasks: Tasks whose truth these scenes have.
+    """
+
+    __test__ = False  # pytest takes the name for a test
+
+    store: Store
+    indices: tuple[int, ...]
+    tasks: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Setup:
     """What a run works on.
 
     Attributes:
         store: Packed pictures and labels.
-        parts: Indices into the store of the labelled scenes of each part.
+        parts: Indices into the store of the labelled scenes of ``train`` and ``validation``.
+        test: What it is tested on.
+        classes: The classes of the category task.
         split_hash: Hash of the split.
         width_scale_px: Opening in input pixels that the width map shows as 1.
         device: ``"cpu"`` or ``"cuda"``.
@@ -110,6 +138,8 @@ class Setup:
 
     store: Store
     parts: dict[str, tuple[int, ...]]
+    test: TestData
+    classes: Classes
     split_hash: str
     width_scale_px: float
     device: str
@@ -178,15 +208,26 @@ def prepare(experiment: Experiment, folder: Folder, device: str, progress: Progr
     values = experiment.data
     scenes = read_scenes(values.source, depth=values.depth)
     split = _split(experiment, scenes, folder)
+    others = None if values.test is None else _other_scenes(experiment, values.test)
+    # What all scenes lack is said now, and not after an hour of packing.
+    _check_first(experiment, scenes.subset(split.parts["train"]), values.source)
+    if others is not None and values.test is not None:
+        _check_first(experiment, others, values.test.source, tasks=False)
     with progress("packing pictures") as update:
         store = open_store(
             scenes, cache_folder(experiment), size=values.size, view=values.view, progress=update
         )
     parts = {name: _labelled(store, split, name, values.source) for name in PARTS}
-    _check_pictures(store, [i for part in parts.values() for i in part], experiment)
+    used = {i: Contents.of_store(store, i) for part in parts.values() for i in part}
+    check_contents(experiment, values.source, {store.ids[i]: c for i, c in used.items()})
+    classes = find_classes(experiment, store, parts["train"])
     scale = experiment.maps.width_scale
     scale = greatest_opening(store, parts["train"]) if scale == "data" else float(scale)
     facts = {"store": store.key, "split": split.hash, "width_scale_px": scale}
+    test = TestData(store, parts.pop("test"), experiment.tasks.names)
+    if others is not None and values.test is not None:
+        test = _other_test(experiment, values.test, others, progress)
+        facts["test_store"] = test.store.key
     if not folder.facts.exists() or not folder.last.exists():
         write_text(folder.facts, json.dumps(facts, indent=2) + "\n", durable=True)
     elif (before := _read_facts(folder.facts)) != facts:
@@ -194,7 +235,45 @@ def prepare(experiment: Experiment, folder: Folder, device: str, progress: Progr
         raise FileFormatError(
             folder.facts, f"the data changed since this run began ({changed})", _ANEW
         )
-    return Setup(store, parts, split.hash, scale, device)
+    return Setup(store, parts, test, classes, split.hash, scale, device)
+
+
+def _other_scenes(experiment: Experiment, values: TestSection) -> Scenes:
+    """The scenes of another data set to test on."""
+    scenes = read_scenes(values.source, depth=values.depth)
+    if values.limit_objects is None:
+        return scenes
+    seed = split_seed(experiment)
+    return scenes.subset(limit_objects(scenes, scenes.ids, values.limit_objects, seed=seed))
+
+
+def _other_test(
+    experiment: Experiment, values: TestSection, scenes: Scenes, progress: Progress
+) -> TestData:
+    """The packed scenes of another data set, those with labels, and the tasks known there."""
+    view = experiment.data.view if values.view is None else values.view
+    with progress("packing pictures of the test") as update:
+        store = open_store(
+            scenes, cache_folder(experiment), size=experiment.data.size, view=view, progress=update
+        )
+    indices = tuple(i for i in range(len(store)) if len(store.read_grasps(i) or ()))
+    if not indices:
+        raise FileError(values.source, "has no scene with labels", "name another data.test.source")
+    used = {store.ids[i]: Contents.of_store(store, i) for i in indices}
+    check_contents(experiment, values.source, used, tasks=False)
+    known = known_tasks(experiment, list(used.values()))
+    for name in experiment.tasks.names:
+        if name not in known:
+            _logger.warning("%s has no truth for %s: not tested there", values.source, name)
+    return TestData(store, indices, known)
+
+
+def _check_first(
+    experiment: Experiment, scenes: Scenes, source: str, *, tasks: bool = True
+) -> None:
+    """See that the first scene has what the experiment needs."""
+    scene = scenes[0]
+    check_contents(experiment, source, {scene.id: Contents.of_scene(scene)}, tasks=tasks)
 
 
 def _read_facts(path: Path) -> dict[str, Any]:
@@ -224,7 +303,7 @@ def _split(experiment: Experiment, scenes: Scenes, folder: Folder) -> Split:
     values = experiment.data.split
     if folder.split.exists() and folder.last.exists():
         return read_split(folder.split, scenes)
-    seed = experiment.seed if values.seed is None else values.seed
+    seed = split_seed(experiment)
     if values.file is not None:
         split = read_split(Path(values.file).expanduser(), scenes)
     elif values.folds is not None:
@@ -232,8 +311,19 @@ def _split(experiment: Experiment, scenes: Scenes, folder: Folder) -> Split:
     else:
         shares = {name: getattr(values, name) for name in PARTS if getattr(values, name) > 0}
         split = make_split(scenes, parts=shares, by=values.by, seed=seed)
+    if values.limit_objects is not None:
+        kept = limit_objects(
+            scenes, split.parts["train"], values.limit_objects, by=split.by, seed=split.seed
+        )
+        split = replace(split, parts={**split.parts, "train": kept})
     split.write(folder.split)
     return split
+
+
+def split_seed(experiment: Experiment) -> int:
+    """Seed of the split: its own, or that of the experiment."""
+    seed = experiment.data.split.seed
+    return experiment.seed if seed is None else seed
 
 
 def _labelled(store: Store, split: Split, part: str, source: str) -> tuple[int, ...]:
@@ -257,17 +347,3 @@ def _labelled(store: Store, split: Split, part: str, source: str) -> tuple[int, 
             f"give a data set with labels, or a larger data.split.{part}",
         )
     return tuple(found)
-
-
-def _check_pictures(store: Store, indices: Sequence[int], experiment: Experiment) -> None:
-    """See that every scene has the pictures that the network looks at."""
-    needed = {"depth": ("depth",), "rgb": ("rgb",), "rgbd": ("rgb", "depth")}
-    for name in needed[experiment.network.channels]:
-        lacking = [i for i in indices if getattr(store[i], name) is None]
-        if lacking:
-            raise FileError(
-                experiment.data.source,
-                f"{len(lacking)} of {len(indices)} scenes have no {name} picture, first "
-                f"{store.ids[lacking[0]]}",
-                "set network.channels to what the data set has, or complete it",
-            )

@@ -6,13 +6,11 @@ had happened.
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from graspmap.training.experiment import Experiment
-
-LOSS_NAMES = ("loss", "quality", "cos", "sin", "width")
-"""What `RunState.sums` adds up, in this order; the number of pictures follows."""
 
 _THRESHOLD = 1e-4
 """Relative change of the loss (absolute of the success) that counts as an improvement."""
@@ -41,7 +39,8 @@ class RunState:
         epoch: Epochs that are complete, validation included.
         batch: Batches of the next epoch that are done (above 0 only inside an epoch).
         step: Optimiser steps in all.
-        sums: Sums over the pictures of the running epoch, see `LOSS_NAMES`, then their count.
+        sums: Sums over the pictures of the running epoch, of each of
+            `graspmap.training.tasks.loss_names`, then their count; empty at its beginning.
         seconds: Seconds spent in the running epoch.
         best_epoch: Epoch of the best validation success (ties: lower validation loss).
         best_success: That success, 0 to 1; -1 before the first validation.
@@ -55,7 +54,7 @@ class RunState:
     epoch: int = 0
     batch: int = 0
     step: int = 0
-    sums: list[float] = field(default_factory=lambda: [0.0] * (len(LOSS_NAMES) + 1))
+    sums: list[float] = field(default_factory=list)
     seconds: float = 0.0
     best_epoch: int = 0
     best_success: float = -1.0
@@ -92,7 +91,7 @@ class RunState:
         """
         self.epoch += 1
         self.batch = 0
-        self.sums = [0.0] * len(self.sums)
+        self.sums = []
         self.seconds = 0.0
         best = (success, -loss) > (self.best_success, -self.best_loss)
         if best:
@@ -116,7 +115,9 @@ class RunState:
         if schedule.kind == "none":
             return False
         if schedule.monitor == "loss":
-            value, better = loss, self.reference is None or loss < self.reference * (1 - _THRESHOLD)
+            # A loss with learned weights may be negative, where a share of it points the other way.
+            share = 1 - math.copysign(_THRESHOLD, self.reference or 1.0)
+            value, better = loss, self.reference is None or loss < self.reference * share
         else:
             value = success
             better = self.reference is None or success > self.reference + _THRESHOLD
