@@ -9,6 +9,7 @@ from graspmap.data.kinds import detect_kind, split_spec
 from graspmap.data.split import fingerprint
 from graspmap.generation.scene_file import find_record
 from graspmap.training import Experiment
+from graspmap.training.needs import Contents, missing
 
 _SAMPLE = 8
 """Scenes that are opened to see what there is, evenly over the data set."""
@@ -22,8 +23,7 @@ class DataFacts:
         source: ``kind:folder``, the folder absolute.
         scenes: The scenes.
         objects: Number of objects; a scene without one counts as its own.
-        pictures: Which of ``rgb``, ``depth`` and ``mask`` all scenes of the sample have.
-        labels: Kinds of class labels that all of them have.
+        sample: What the scenes of the sample have.
         trials: Whether their grasps can be tried in simulation: depth, and a camera or a record.
         fingerprint: Changes with the ids and objects of the scenes.
     """
@@ -31,25 +31,25 @@ class DataFacts:
     source: str
     scenes: Scenes
     objects: int
-    pictures: frozenset[str]
-    labels: frozenset[str]
+    sample: tuple[Contents, ...]
     trials: bool
     fingerprint: str
 
     def lacks(self, experiment: Experiment) -> str | None:
-        """Why an experiment cannot be trained on these data; None where it can."""
-        network, tasks = experiment.network, experiment.tasks
-        wanted = {"depth": ("depth",), "rgb": ("rgb",), "rgbd": ("rgb", "depth")}
-        missing = [name for name in wanted[network.channels] if name not in self.pictures]
-        if missing:
-            return f"the data have no {missing[0]} pictures"
-        if tasks.saliency is not None and "mask" not in self.pictures:
-            return "the data have no masks for saliency"
-        if tasks.depth is not None and "depth" not in self.pictures:
-            return "the data have no depth to reconstruct"
-        if tasks.category is not None and tasks.category.labels not in self.labels:
-            return f"the data have no {tasks.category.labels} class labels"
-        return None
+        """What an experiment needs and these data do not have; None where they have it."""
+        found = (
+            what for contents in self.sample for what in missing(experiment, contents).values()
+        )
+        what = next(found, None)
+        return None if what is None else f"{self.source} has scenes without {what}"
+
+    def classes(self, experiment: Experiment) -> int:
+        """Number of classes that the experiment tells apart, for its parameters; 2 without."""
+        category = experiment.tasks.category
+        if category is None:
+            return 2
+        names = {self.scenes.read(i).labels.get(category.labels) for i in range(len(self.scenes))}
+        return len(names - {None})
 
 
 def look_at(source: str, depth: str | None = None) -> DataFacts:
@@ -68,20 +68,14 @@ def look_at(source: str, depth: str | None = None) -> DataFacts:
     scenes = read_scenes(name, depth=depth)
     count = min(_SAMPLE, len(scenes))
     sample = [scenes.read(i * (len(scenes) - 1) // max(1, count - 1)) for i in range(count)]
-    pictures = {
-        kind
-        for kind in ("rgb", "depth", "mask")
-        if all(getattr(scene, kind) is not None for scene in sample)
-    }
-    labels = set.intersection(*(set(scene.labels) for scene in sample))
+    contents = tuple(map(Contents.of_scene, sample))
     recorded = all(find_record(scenes.files(scenes.index(scene))) for scene in sample)
     cameras = all(scene.camera is not None for scene in sample)
     return DataFacts(
         source=name,
         scenes=scenes,
         objects=len({scenes.object_id(i) or ("", i) for i in range(len(scenes))}),
-        pictures=frozenset(pictures),
-        labels=frozenset(labels),
-        trials="depth" in pictures and (recorded or cameras),
+        sample=contents,
+        trials=all(found.depth for found in contents) and (recorded or cameras),
         fingerprint=fingerprint(scenes),
     )

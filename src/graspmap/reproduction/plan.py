@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from hashlib import blake2b
 from typing import Any
+
+import torch
 
 from graspmap.errors import InvalidInputError
 from graspmap.reproduction.facts import DataFacts, look_at
@@ -21,6 +23,7 @@ from graspmap.reproduction.request import Request, check_request, chosen_folds, 
 from graspmap.reproduction.scale import shrink
 from graspmap.reproduction.table_file import Line, Table, Variant, experiment_path, read_table
 from graspmap.training import Experiment, read_experiment
+from graspmap.training.tasks import check_experiment
 
 _FREE = ("workers", "device", "checkpoint_minutes")
 """Keys of the training that change nothing of the result."""
@@ -131,20 +134,32 @@ class _Builder:
     test: DataFacts | None
     folds: tuple[int, int] | None
 
-    def published(self, line: Line, variant: Variant, fold: int) -> Experiment:
-        """As the thesis has it, on the data of the request."""
-        return self._read(line, variant, fold, {})
+    def published(self, line: Line, variant: Variant) -> Experiment:
+        """As the thesis has it, on the data of the request; first fold."""
+        return self._read(line, variant, {})
 
-    def make(self, line: Line, variant: Variant, fold: int) -> Experiment:
-        """As it is run."""
-        experiment = self._read(line, variant, fold, self.request.changes)
-        small = shrink(experiment, self.request.scale, self._batches(experiment))
-        return small.model_copy(update={"name": self.identify(small)})
+    def make(self, line: Line, variant: Variant) -> Experiment:
+        """As it is run; first fold.
+
+        Raises:
+            ConfigError: It contradicts itself.
+        """
+        experiment = self._read(line, variant, self.request.changes)
+        with torch.device("meta"):  # the weights are not needed
+            check_experiment(experiment)
+        return shrink(experiment, self.request.scale, self._batches(experiment))
+
+    def of_fold(self, experiment: Experiment, fold: int) -> Experiment:
+        """The same for another fold, by the name of its run."""
+        split = experiment.data.split.model_copy(update={"fold": fold})
+        data = experiment.data.model_copy(update={"split": split})
+        one = experiment.model_copy(update={"data": data})
+        return one.model_copy(update={"name": self.identify(one)})
 
     def impossible(self, line: Line, variants: Sequence[Variant]) -> str | None:
         """Why a row cannot be made from the data; None where it can."""
         for variant in variants:
-            experiment = self._read(line, variant, 0, self.request.changes)
+            experiment = self._read(line, variant, self.request.changes)
             reason = self.facts.lacks(experiment)
             if reason is None and self.test is not None:
                 bare = experiment.model_copy(update={"tasks": type(experiment.tasks)()})
@@ -165,9 +180,7 @@ class _Builder:
         digest = blake2b(text.encode(), digest_size=6).hexdigest()
         return f"{experiment.network.name}-{digest}"
 
-    def _read(
-        self, line: Line, variant: Variant, fold: int, changes: Mapping[str, Any]
-    ) -> Experiment:
+    def _read(self, line: Line, variant: Variant, changes: Mapping[str, Any]) -> Experiment:
         assert line.experiment is not None  # quoted rows have no runs
         values = {
             **line.changes,
@@ -179,7 +192,7 @@ class _Builder:
         if self.test is not None:
             values["data.test.source"] = self.test.source
         if self.folds is not None:
-            values |= {"data.split.folds": self.folds[1], "data.split.fold": fold}
+            values |= {"data.split.folds": self.folds[1], "data.split.fold": 0}
         return read_experiment(experiment_path(line.experiment), values)
 
     def _batches(self, experiment: Experiment) -> int:
@@ -205,18 +218,26 @@ def _filled(
     experiments: dict[tuple[int, int], Experiment] = {}
     published: dict[tuple[int, int], Experiment] = {}
     needs = _needs(table, unmeasured)
-    for fold, row, column in _places(table, lines, builder.folds):
-        line, variant = lines[row], table.columns[column]
-        experiment = builder.make(line, variant, fold)
-        experiments.setdefault((row, column), experiment)
-        published.setdefault((row, column), builder.published(line, variant, fold))
-        words = [line.title, variant.name]
-        if builder.folds is not None:
-            words.append(f"fold {fold + 1} of {builder.folds[1]}")
-        title = ", ".join(word for word in words if word)
-        run = Run(experiment.name, experiment, title, needs)
-        runs.setdefault(run.id, run)
-        cells[row, column] = (*cells.get((row, column), ()), run.id)
+    places = [
+        (row, column)
+        for row, line in enumerate(lines)
+        for column in range(len(table.columns))
+        if line.experiment is not None
+    ]
+    for row, column in places:
+        experiments[row, column] = builder.make(lines[row], table.columns[column])
+        published[row, column] = builder.published(lines[row], table.columns[column])
+    # All rows get their first fold before any gets its second.
+    for fold in range(1 if builder.folds is None else builder.folds[0]):
+        for row, column in places:
+            words = [lines[row].title, table.columns[column].name]
+            if builder.folds is not None:
+                words.append(f"fold {fold + 1} of {builder.folds[1]}")
+            title = ", ".join(word for word in words if word)
+            experiment = builder.of_fold(experiments[row, column], fold)
+            run = Run(experiment.name, experiment, title, needs)
+            runs.setdefault(run.id, run)
+            cells[row, column] = (*cells.get((row, column), ()), run.id)
     return Plan(
         request=builder.request,
         table=table,
@@ -238,16 +259,6 @@ def _needs(table: Table, unmeasured: Mapping[str, str]) -> frozenset[Need]:
     if table.kind == "thresholds":
         needs.add("overlaps")
     return frozenset(needs)
-
-
-def _places(
-    table: Table, lines: Sequence[Line], folds: tuple[int, int] | None
-) -> Iterator[tuple[int, int, int]]:
-    """(fold, row, column): all rows get their first fold before any gets its second."""
-    for fold in range(1 if folds is None else folds[0]):
-        for row, line in enumerate(lines):
-            if line.experiment is not None:
-                yield from ((fold, row, column) for column in range(len(table.columns)))
 
 
 def _without_runs(request: Request, table: Table, lines: tuple[Line, ...]) -> Plan:
