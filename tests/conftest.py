@@ -22,6 +22,17 @@ DATA = Path(
 ).resolve()
 
 
+@pytest.fixture(scope="module")
+def one_thread():
+    """PyTorch on one thread: on a busy machine, threads that wait for each other take minutes."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
     """Folder with real data of others; tests that need it are skipped without it."""

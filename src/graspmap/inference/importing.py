@@ -1,17 +1,9 @@
-"""Other people's GG-CNN weights: PyTorch state dicts in, our networks out, no code run.
-
-A state dict is a dictionary of tensors, but the format it is kept in (pickle) can carry any
-program. Only PyTorch's restricted reader is used here, which builds tensors and nothing else.
-"""
+"""Other people's weights of GG-CNN, GR-ConvNet and U-Net in, our networks out, no code run."""
 
 from __future__ import annotations
 
 import hashlib
-import io
-import pickle
 import re
-import warnings
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -21,15 +13,15 @@ from torch import Tensor, nn
 
 from graspmap.data.images import Channels, channel_count
 from graspmap.errors import InvalidInputError, UnknownNameError, WeightsError
+from graspmap.inference.foreign_files import NO_STATE_DICT, read_foreign
 from graspmap.inference.weights import (
+    MOST_FILTERS,
     MOST_PX,
     View,
     WeightsCard,
     check_numbers,
     differences,
-    is_safetensors,
     read_content,
-    read_safetensors,
 )
 from graspmap.networks import MAP_NAMES, NETWORKS, GraspNetwork, make_network
 
@@ -44,11 +36,12 @@ _HEAD_WORDS = {
 }
 _WRAPPERS = ("module.", "model.", "network.", "net.", "_orig_mod.")
 _CONTAINERS = ("state_dict", "model_state_dict", "model", "network", "net")
-_CONVERT = (
-    "if you trust it, open it with its authors' own code, write "
-    "torch.save(model.state_dict(), 'weights.pt') and import that file"
+_GRCONVNET_LAYERS = (
+    *(f"{kind}{i}" for i in (1, 2, 3) for kind in ("conv", "bn")),
+    *(f"res{i}.{kind}{k}" for i in range(1, 6) for k in (1, 2) for kind in ("conv", "bn")),
+    *("conv4", "bn4", "conv5", "bn5", "conv6"),
 )
-_NO_STATE_DICT = "give a file written by torch.save(model.state_dict(), FILE)"
+"""The usual names of GR-ConvNet's layers, in the order in which a picture passes them."""
 
 
 def import_weights(
@@ -56,22 +49,27 @@ def import_weights(
     file: Path | str,
     *,
     width_scale: float = 150.0,
-    size: int = 300,
+    size: int | None = None,
     channels: Channels | None = None,
     view: View = "cover",
 ) -> tuple[GraspNetwork, WeightsCard]:
-    """Read weights of GG-CNN or GG-CNN2 that were trained with other people's programs.
+    """Read weights that were trained with other people's programs.
 
-    The layers are matched by their order and shapes, the four heads by their names. Under
-    ``ggcnn2`` both published forms are taken (transposed convolutions, or bilinear enlargement
-    with convolutions); the shapes tell them apart, and the card names the one found.
+    The layers are matched by their order and shapes, the four heads by their names; GR-ConvNet's
+    layers by their usual names (``conv1``, ``bn1``, ..., ``res1.conv1``, ...) where it has those.
+    Under ``ggcnn2`` both published forms are taken (transposed convolutions, or bilinear
+    enlargement with convolutions); the shapes tell them apart, and the card names the one found.
+    The width of GR-ConvNet and U-Net is told from the shapes. GR-ConvNet 1 to 3 differ in
+    training only, so weights of any of them fit all three.
 
     Args:
         network_name: One of `graspmap.networks.NETWORKS`.
         file: A state dict as PyTorch or safetensors file, possibly under a key such as
-            ``state_dict`` or with a prefix such as ``module.``.
+            ``state_dict`` or with a prefix such as ``module.``; or a TorchScript file, of which
+            only the tensors are read.
         width_scale: Opening in input pixels for which the width map is 1, as in its training.
-        size: Side of the input it was trained with, pixels.
+        size: Side of the input it was trained with, pixels; by default the published one, 300,
+            for GR-ConvNet 224 and for U-Net 320.
         channels: What it sees; by default told from its number of channels (1 ``depth``,
             3 ``rgb``, 4 ``rgbd``).
         view: Centre square of a picture that fills the input, see `WeightsCard`.
@@ -88,16 +86,18 @@ def import_weights(
     """
     if network_name not in NETWORKS:
         raise UnknownNameError("network", network_name, NETWORKS)
+    size = NETWORKS[network_name].published_size_px if size is None else size
     _check_settings(width_scale, size, view)
     path = Path(file)
     content = read_content(path)
-    tensors = _state_dict(path, _read(path, content))
+    tensors = _state_dict(path, read_foreign(path, content))
     check_numbers(path, tensors)
     network = _fitted(path, network_name, tensors)
     card = WeightsCard(
         network=network.name,
         channels=_channels(path, network.channels, channels),
         bins=network.bins,
+        filters=None if network.filters == network.published_filters else network.filters,
         size=size,
         view=view,
         width_scale_px=width_scale,
@@ -118,65 +118,16 @@ def _check_settings(width_scale: float, size: int, view: View) -> None:
         )
 
 
-def _read(path: Path, content: bytes) -> Any:
-    """What the file holds, built of tensors and plain containers only."""
-    if is_safetensors(content):
-        tensors, metadata = read_safetensors(path, content)
-        if "graspmap" in metadata:
-            raise WeightsError(path, "is a weights file of graspmap already", "use it as it is")
-        return tensors
-    if content[:1] != b"\x80" and content[:2] != b"PK":
-        raise WeightsError(path, "is neither a PyTorch nor a safetensors file", _NO_STATE_DICT)
-    if content[:2] == b"PK":
-        _check_archive(path, content)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the errors below say it in one line
-            return torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
-    except pickle.UnpicklingError as error:
-        named = re.search(r"(?:GLOBAL|class|function|type) ([\w.]+\.[\w.]+)", str(error))
-        what = named[1] if named else "instructions that no state dict has"
-        raise WeightsError(
-            path,
-            f"is refused, because opening it could run code: it holds {what}, and not only tensors",
-            _CONVERT,
-        ) from error
-    except Exception as error:  # a damaged file can make PyTorch raise anything
-        raise WeightsError(
-            path,
-            f"is cut short, damaged, or no PyTorch file ({_first_line(error)})",
-            "copy or download it again",
-        ) from error
-
-
-def _check_archive(path: Path, content: bytes) -> None:
-    """Tell PyTorch's own archives from other zip files."""
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            names = archive.namelist()
-    except (zipfile.BadZipFile, ValueError, NotImplementedError) as error:
-        raise WeightsError(
-            path, f"is cut short or damaged ({error})", "copy or download it again"
-        ) from error
-    if any(name.endswith("constants.pkl") for name in names):
-        raise WeightsError(path, "is a TorchScript program, not a state dict", _CONVERT)
-    if not any(name.endswith("data.pkl") for name in names):
-        listed = ", ".join(sorted(names)[:5])
-        raise WeightsError(
-            path, f"is a zip archive of files ({listed})", "unpack it and import the state dict"
-        )
-
-
 def _state_dict(path: Path, loaded: Any) -> dict[str, Tensor]:
     """The dictionary of tensors inside what was read, without wrappers' prefixes."""
     for key in _CONTAINERS:
         if isinstance(loaded, Mapping) and isinstance(loaded.get(key), Mapping):
             loaded = loaded[key]
     if not isinstance(loaded, Mapping) or not loaded:
-        raise WeightsError(path, f"holds a {type(loaded).__name__}", _NO_STATE_DICT)
+        raise WeightsError(path, f"holds a {type(loaded).__name__}", NO_STATE_DICT)
     odd = [key for key, value in loaded.items() if not isinstance(value, Tensor)]
     if odd or not all(isinstance(key, str) for key in loaded):
-        raise WeightsError(path, f"holds more than named tensors ({odd[:3]})", _NO_STATE_DICT)
+        raise WeightsError(path, f"holds more than named tensors ({odd[:3]})", NO_STATE_DICT)
     tensors = dict(loaded)
     while prefix := _common_prefix(tensors):
         tensors = {name.removeprefix(prefix): tensor for name, tensor in tensors.items()}
@@ -216,7 +167,10 @@ def _match(name: str, tensors: dict[str, Tensor]) -> tuple[GraspNetwork | None, 
     trunk = [m for m in layers if not any(m in found for found in heads.values())]
     problems: list[str] = []
     # PyTorch's files keep the layers in the order they were made in, safetensors in none.
-    for order in (trunk, sorted(trunk, key=_natural)):
+    orders = [trunk, sorted(trunk, key=_natural)]
+    if set(trunk) == set(_GRCONVNET_LAYERS):
+        orders = [list(_GRCONVNET_LAYERS)]
+    for order in orders:
         network, found = _match_in_order(name, order, [heads[k][0] for k in MAP_NAMES], tensors)
         if network is not None:
             return network, []
@@ -234,11 +188,19 @@ def _match_in_order(
         return None, ["its first layer or its heads are no convolutions"]
     if not first.shape[1] or not head.shape[0]:
         return None, ["its first layer or its heads hold no numbers"]
-    network = make_network(name, first.shape[1], head.shape[0])
-    renamed = _renamed(network, trunk, heads, tensors)
-    problems = differences(network.state_dict(), renamed)
+    filters = None if NETWORKS[name].published_filters is None else first.shape[0]
+    if filters is not None and filters > MOST_FILTERS:
+        return None, [f"its first layer has {filters} filters, {MOST_FILTERS} at most are allowed"]
+    try:
+        with torch.device("meta"):  # shapes without numbers: most networks will not fit
+            outline = make_network(name, first.shape[1], head.shape[0], filters=filters)
+    except InvalidInputError as error:
+        return None, [str(error)]
+    renamed = _renamed(outline, trunk, heads, tensors)
+    problems = differences(outline.state_dict(), renamed)
     if problems:
         return None, problems
+    network = make_network(name, first.shape[1], head.shape[0], filters=filters)
     network.load_state_dict(renamed)
     return network, []
 
@@ -247,10 +209,11 @@ def _renamed(
     network: GraspNetwork, trunk: list[str], heads: list[str], tensors: dict[str, Tensor]
 ) -> dict[str, Tensor]:
     """The tensors under our names as far as they go; the rest keeps its names."""
+    kinds = (nn.Conv2d, nn.ConvTranspose2d, nn.BatchNorm2d)
     ours = [
         name
         for name, module in network.named_modules()
-        if isinstance(module, nn.Conv2d | nn.ConvTranspose2d) and not name.startswith("heads.")
+        if isinstance(module, kinds) and not name.startswith("heads.")
     ]
     rename = dict(zip(trunk, ours, strict=False))
     result: dict[str, Tensor] = {}
@@ -284,7 +247,3 @@ def _channels(path: Path, count: int, said: Channels | None) -> Channels:
             path, f"takes {count} channel(s), not those of {said}", f"allowed here: {allowed}"
         )
     return said
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[0][:160] if str(error).strip() else type(error).__name__

@@ -179,10 +179,11 @@ def load_weights(path: Path | str) -> tuple[GraspNetwork, WeightsCard]:
         raise WeightsError(path, "holds tensors but no card of graspmap", _IMPORT)
     card = _read_card(path, metadata[_CARD_KEY])
     try:
-        network = card.make_network()
+        with torch.device("meta"):  # shapes without numbers, however large the card's network is
+            outline = card.make_network()
     except GraspmapError as error:
         raise WeightsError(path, f"its card does not work here ({error})", _AGAIN) from error
-    problems = differences(network.state_dict(), tensors)
+    problems = differences(outline.state_dict(), tensors)
     if problems:
         raise WeightsError(
             path,
@@ -191,6 +192,7 @@ def load_weights(path: Path | str) -> tuple[GraspNetwork, WeightsCard]:
             _AGAIN,
         )
     check_numbers(path, tensors)
+    network = card.make_network()
     network.load_state_dict(tensors)
     return network.eval(), card
 

@@ -91,6 +91,7 @@ class GraspNetwork(nn.Module):
         name: Name in the registry.
         granularity: Input sides are padded to a multiple of this.
         smallest: Input sides are padded to at least this.
+        published_size_px: Side of the input that it was published with.
         published_filters: The published width of its layers; None where it cannot be chosen.
         needs_task: Whether it is only defined with an auxiliary task.
         auxiliary_stride: Pixels of the input to a cell of the auxiliary tasks' feature maps.
@@ -105,6 +106,7 @@ class GraspNetwork(nn.Module):
     name: ClassVar[str]
     granularity: ClassVar[int] = 1
     smallest: ClassVar[int] = 1
+    published_size_px: ClassVar[int] = 300
     published_filters: ClassVar[int | None] = None
     needs_task: ClassVar[bool] = False
     auxiliary_stride: ClassVar[int] = 1

@@ -73,6 +73,7 @@ class GRConvNet(GraspNetwork):
 
     name: ClassVar[str] = "grconvnet"
     granularity: ClassVar[int] = 4
+    published_size_px: ClassVar[int] = 224
     published_filters: ClassVar[int | None] = 32
     residual_dropout: ClassVar[float] = 0.0
     head_dropout: ClassVar[float] = 0.0

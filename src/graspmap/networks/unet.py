@@ -72,6 +72,7 @@ class UNet(GraspNetwork):
 
     name: ClassVar[str] = "unet"
     smallest: ClassVar[int] = 16
+    published_size_px: ClassVar[int] = 320
     published_filters: ClassVar[int | None] = 64
     convolutions: ClassVar[Literal["xavier", "pytorch"]] = "pytorch"
 
