@@ -29,8 +29,9 @@ FLOOR = {
     "evaluation": 7,
     "doctor": 7,
     "robot": 7,
-    "cli": 8,
-    "web": 8,
+    "reproduction": 8,
+    "cli": 9,
+    "web": 9,
 }
 NO_TORCH = ("geometry", "gripper", "data", "maps", "simulation", "metrics", "pictures")
 

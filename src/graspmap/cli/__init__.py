@@ -3,7 +3,7 @@
 Each command is a module of this package with ``ABOUT`` (one line for the overview) and
 ``run(argv)``; it is imported when it is asked for, so that ``graspmap --help`` needs no library.
 Exit codes: 0 done, 2 the user can mend it (one line on standard error says how), 130 stopped with
-Ctrl-C or SIGTERM, 1 a defect of graspmap (with a traceback).
+Ctrl-C or SIGTERM, 1 a defect of graspmap (with a traceback), or `reproduce` with runs that failed.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ COMMANDS = {
     "detect": "find grasps in one picture",
     "evaluate": "measure weights or predictions against labelled grasps",
     "trial": "try grasps in simulated physics: which of them hold?",
+    "reproduce": "make the tables and figures of the thesis again, its numbers beside yours",
     "doctor": "look through a data set, meshes or weights, and say what is there",
     "weights": "bring other people's weights into graspmap's own format",
 }

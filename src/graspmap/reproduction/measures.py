@@ -56,7 +56,7 @@ MEASURES: dict[str, Measure] = {
     "auc": Measure("AUC", (("test", "auc"),), digits=3),
     "mae": Measure("MAE", (("test", "saliency_mae"), ("test", "depth_mae")), digits=4),
     "accuracy": Measure("Classes", (("test", "category_accuracy"),), percent=True),
-    "majority": Measure("Majority", (("test", "category_majority"),), percent=True),
+    "majority": Measure("Majority", (("test", "category_majority", "test_share"),), percent=True),
     "sgt": Measure("SGT", (("trials", "success"),), percent=True, need="trials"),
     "validation": Measure(
         "Validation IoU 25 %", (("validation", "success", "0.25"),), percent=True

@@ -189,11 +189,15 @@ def _detector(folder: Path, device: str) -> Detector:
 
 
 def _test_scenes(experiment: Experiment, folder: Path) -> Scenes:
-    from graspmap.data import read_scenes, read_split
+    from graspmap.data import limit_objects, read_scenes, read_split
 
     values = experiment.data
     if values.test is not None:
-        return read_scenes(values.test.source, depth=values.test.depth)
+        scenes = read_scenes(values.test.source, depth=values.test.depth)
+        count, seed = values.test.limit_objects, experiment.seed
+        if count is None:
+            return scenes
+        return scenes.subset(limit_objects(scenes, scenes.ids, count, seed=seed))
     scenes = read_scenes(values.source, depth=values.depth)
     return read_split(folder / "train" / "split.json", scenes).subset(scenes, "test")
 

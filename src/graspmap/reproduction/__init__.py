@@ -1,0 +1,70 @@
+"""The tables and figures of the thesis: expanded to runs, run, and written beside its numbers.
+
+Each name is loaded at its first use: listing the tables needs no PyTorch.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from graspmap.reproduction.conduct import Crew, Outcome, choose_crew, conduct
+    from graspmap.reproduction.plan import Plan, Run, make_plan
+    from graspmap.reproduction.request import Request
+    from graspmap.reproduction.results import Filled, fill
+    from graspmap.reproduction.table_file import Table, read_table, table_names
+    from graspmap.reproduction.timing import Estimate, estimate, time_detection
+    from graspmap.reproduction.write import to_dict, to_markdown, write_table
+
+__all__ = [
+    "Crew",
+    "Estimate",
+    "Filled",
+    "Outcome",
+    "Plan",
+    "Request",
+    "Run",
+    "Table",
+    "choose_crew",
+    "conduct",
+    "estimate",
+    "fill",
+    "make_plan",
+    "read_table",
+    "table_names",
+    "time_detection",
+    "to_dict",
+    "to_markdown",
+    "write_table",
+]
+
+_HOME = {
+    "Crew": "conduct",
+    "Estimate": "timing",
+    "Filled": "results",
+    "Outcome": "conduct",
+    "Plan": "plan",
+    "Request": "request",
+    "Run": "plan",
+    "Table": "table_file",
+    "choose_crew": "conduct",
+    "conduct": "conduct",
+    "estimate": "timing",
+    "fill": "results",
+    "make_plan": "plan",
+    "read_table": "table_file",
+    "table_names": "table_file",
+    "time_detection": "timing",
+    "to_dict": "write",
+    "to_markdown": "write",
+    "write_table": "write",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'graspmap.reproduction' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"graspmap.reproduction.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
