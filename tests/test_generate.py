@@ -129,6 +129,21 @@ def test_labels_hold_again_when_they_are_read_and_tried(made):
             assert [result.outcome.value for result in results] == expected
 
 
+def test_scenes_carry_the_class_names_of_their_record(made):
+    from graspmap.data.jacquard_labels import read_class_names
+    from graspmap.simulation.procedural import FAMILIES
+
+    scenes = read_scenes(f"jacquard:{made}")
+    for i, scene in enumerate(scenes):
+        (record,) = made.rglob(f"{scene.id}_scene.json")
+        assert scene.labels == read_class_names(record)
+        assert record in scenes.files(i)  # a corrected record makes another packed store
+        if scene.labels:
+            assert scene.labels["specific"] == scene.object_id.rpartition("-")[0]
+            assert scene.labels["specific"] in FAMILIES[scene.labels["general"]].shapes
+    assert any(scene.labels for scene in scenes)
+
+
 def test_labels_carry_each_jaw_size_that_holds(made):
     scenes = read_scenes(f"jacquard:{made}")
     sizes = set()

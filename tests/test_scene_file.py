@@ -63,6 +63,30 @@ def test_what_is_written_comes_back_to_the_last_bit(tmp_path):
     np.testing.assert_array_equal(found.tabletop().height_map.heights_m, expected)
 
 
+def test_objects_carry_their_class_names(tmp_path):
+    from graspmap.data.jacquard_labels import read_class_names
+
+    path = write_record(record(), tmp_path / "a")
+    shape = BLOCK.id.removesuffix("-000007")
+    assert read_class_names(path) == {"specific": shape, "general": "primitive"}
+    (one,) = record().objects
+    # Of several objects none is the class of the scene.
+    assert read_class_names(write_record(record(objects=(one, one)), tmp_path / "b")) == {}
+    mesh = replace(one, source=MeshSource(file="a.obj", hash="0", model_file="models/a.npz"))
+    assert read_class_names(write_record(record(objects=(mesh,)), tmp_path / "c")) == {}
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", "{}", '{"objects": 3}', '{"objects": [[]]}', "[" * 9999]
+)
+def test_a_damaged_record_is_named_by_who_reads_class_names(tmp_path, text):
+    from graspmap.data.jacquard_labels import read_class_names
+
+    (tmp_path / "x_scene.json").write_text(text)
+    with pytest.raises(FileFormatError, match=r"x_scene\.json: is no record"):
+        read_class_names(tmp_path / "x_scene.json")
+
+
 def test_objects_from_meshes_come_from_the_data_set(tmp_path):
     texture = Texture(
         np.arange(48, dtype=np.uint8).reshape(4, 4, 3), np.zeros((len(BLOCK.vertices), 2))

@@ -127,6 +127,44 @@ def test_what_goes_in_comes_out(scenes, tmp_path):
     assert packed.subset(["s3"])[0].id == "s3"
 
 
+def test_it_tells_what_was_measured_and_what_was_filled(scenes, tmp_path):
+    packed = open_store(
+        scenes, tmp_path / "cache", size=60
+    )  # the size of the pictures' longer side
+    assert packed.measured(1) is None  # it has no depth
+    measured = packed.measured(0)
+    assert measured.dtype == bool
+    hole = np.zeros((60, 60), bool)
+    hole[15:19, 7:11] = True  # ten rows of border above the picture
+    np.testing.assert_array_equal(~measured, hole)
+    # Shrunk to half: a pixel that shows two pixels of a hole and two others counts as measured.
+    half = open_store(scenes, tmp_path / "cache", size=30).measured(0)
+    assert np.argwhere(~half).min(axis=0).tolist() >= [7, 3]
+    assert 1 <= (~half).sum() <= 9
+
+
+def test_a_depth_without_holes_needs_no_such_picture(tmp_path):
+    from graspmap.data import read_scenes, write_jacquard
+
+    for number, hole in enumerate((False, True)):
+        depth = np.full((16, 16), 0.5, np.float32)
+        depth[3, 4] = np.nan if hole else 0.5
+        rgb = np.zeros((16, 16, 3), np.uint8)
+        write_jacquard(Scene(f"{number}_a", rgb, depth), tmp_path / "data")
+    packed = open_store(read_scenes(f"jacquard:{tmp_path / 'data'}"), tmp_path / "cache", size=16)
+    assert packed.measured(0) is None
+    assert np.argwhere(~packed.measured(1)).tolist() == [[3, 4]]
+
+
+def test_what_a_scene_has_is_known_without_reading_it(scenes, tmp_path):
+    packed = open_store(scenes, tmp_path / "cache", size=SIZE)
+    for i, scene in enumerate(packed):
+        for name in ("rgb", "depth", "mask"):
+            assert packed.has(i, name) == (getattr(scene, name) is not None)
+        assert packed.labels(i) == scene.labels == {"specific": f"thing {i}"}
+        assert packed.shape(i) == (40, 60)
+
+
 def test_it_is_built_once_and_survives_pickling(scenes, tmp_path):
     first = open_store(scenes, tmp_path / "cache", size=SIZE)
     again = open_store(
