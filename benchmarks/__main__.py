@@ -29,7 +29,7 @@ from graspmap.geometry import affine
 from graspmap.losses import GraspLoss
 from graspmap.maps import GraspMaps
 from graspmap.metrics import best_overlap
-from graspmap.networks import make_network
+from graspmap.networks import NETWORKS, TaskSpec, make_network
 from graspmap.training import Experiment
 from graspmap.training.data import Draw, Samples, augmentation, collate, make_sample
 
@@ -204,6 +204,28 @@ def network_rows(work: Work) -> Iterator[Comparison]:
     )  # fmt: skip
 
 
+def layout_rows() -> Iterator[Comparison]:
+    """Forward pass of every network: channels last in memory against channels first."""
+    for name, kind in NETWORKS.items():
+        tasks = [TaskSpec("saliency")] if kind.needs_task else []
+        first, last = (make_network(name, 4, tasks=tasks).eval() for _ in range(2))
+        first.memory_format = torch.contiguous_format
+        first.to(memory_format=torch.contiguous_format)
+        last.memory_format = torch.channels_last
+        last.to(memory_format=torch.channels_last)
+        side = kind.published_size_px
+        x = torch.randn(1, 4, side, side)
+
+        def forward(network: torch.nn.Module, x: torch.Tensor = x) -> None:
+            with torch.inference_mode():
+                network(x)
+
+        yield compare(
+            f"layout: {name}, fp32, batch 1, {side} px, channels last against first",
+            lambda n=last: forward(n), lambda n=first: forward(n), seconds=4,
+        )  # fmt: skip
+
+
 def show(row: Comparison) -> str:
     """One line of the table."""
     budget = f"{row.budget_ms:g} ms" if row.budget_ms is not None else "-"
@@ -233,6 +255,7 @@ def main() -> None:
             "maps": map_rows,
             "metric": lambda: metric_row(scenes),
             "network": lambda: network_rows(work),
+            "layout": layout_rows,
         }
         for name, group in groups.items():
             if arguments.only not in name:

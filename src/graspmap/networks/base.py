@@ -78,8 +78,8 @@ class GraspNetwork(nn.Module):
     `granularity`, and the maps are cut back. Pixel (x, y) of the maps belongs to pixel (x, y) of
     the picture.
 
-    Weights and activations are kept in channels-last memory layout: the same numbers up to
-    rounding, about 1.5 to 3 times faster on a CPU.
+    Weights and activations are kept in `memory_format`, by default with the channels last: the
+    same numbers up to rounding, on a CPU faster for most (``python -m benchmarks --only layout``).
 
     Args:
         channels: C of the input: 1 depth, 3 colour, 4 depth and colour (depth first).
@@ -95,6 +95,7 @@ class GraspNetwork(nn.Module):
         published_filters: The published width of its layers; None where it cannot be chosen.
         needs_task: Whether it is only defined with an auxiliary task.
         auxiliary_stride: Pixels of the input to a cell of the auxiliary tasks' feature maps.
+        memory_format: Layout of weights and activations in memory.
         convolutions: How fresh weights of convolutions are drawn: ``xavier`` (uniform, gain 1) or
             ``pytorch`` (PyTorch's default).
 
@@ -110,6 +111,7 @@ class GraspNetwork(nn.Module):
     published_filters: ClassVar[int | None] = None
     needs_task: ClassVar[bool] = False
     auxiliary_stride: ClassVar[int] = 1
+    memory_format: torch.memory_format = torch.channels_last
     convolutions: ClassVar[Literal["xavier", "pytorch"]] = "xavier"
     heads: GraspHeads
 
@@ -142,7 +144,7 @@ class GraspNetwork(nn.Module):
         """The network up to its heads.
 
         Args:
-            images: (B, C, H, W), channels last in memory, sides multiples of `granularity`.
+            images: (B, C, H, W) in `memory_format`, sides multiples of `granularity`.
 
         Returns:
             (B, F, h, w) last feature map, from which the heads make H x W maps.
@@ -220,7 +222,7 @@ class GraspNetwork(nn.Module):
         padded = [-(-max(s, self.smallest) // self.granularity) * self.granularity for s in shape]
         if padded != [*shape]:
             images = pad(images, (0, padded[1] - shape[1], 0, padded[0] - shape[0]))
-        last, others = self.branches(_channels_last(images), names)
+        last, others = self.branches(_laid_out(images, self.memory_format), names)
         # Readers of the maps go through them row by row, so each must lie in one piece.
         maps = self.heads(last)[..., : shape[0], : shape[1]].contiguous()
         tasks = {name: self.task_heads[name](others[name], padded, shape) for name in names}
@@ -244,7 +246,7 @@ class GraspNetwork(nn.Module):
             self.heads.xavier(generator)
         for module in others:
             _draw(module, xavier, generator)
-        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # not in its stubs
+        self.to(memory_format=self.memory_format)  # type: ignore[call-overload]  # not in its stubs
 
 
 def parameter_count(network: nn.Module) -> int:
@@ -271,10 +273,10 @@ def _draw(module: nn.Module, xavier: bool, generator: torch.Generator | None) ->
         nn.init.uniform_(module.bias, -bound, bound, generator=generator)
 
 
-def _channels_last(images: Tensor) -> Tensor:
-    """The same pictures with the channels last in memory."""
-    if images.shape[1] > 1:
-        return images.contiguous(memory_format=torch.channels_last)
+def _laid_out(images: Tensor, memory_format: torch.memory_format) -> Tensor:
+    """The same pictures in another layout."""
+    if images.shape[1] > 1 or memory_format != torch.channels_last:
+        return images.contiguous(memory_format=memory_format)
     # With one channel both layouts are the same bytes and PyTorch would take it for channels
     # first (the first layer of GG-CNN2 then runs 2 to 4 times slower); strides of a permuted
     # view tell it what is meant.
