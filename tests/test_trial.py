@@ -85,7 +85,8 @@ class TestOutcomes:
         assert result.closed_m == pytest.approx(0.04, abs=0.0005)
         assert result.grip_force_n == pytest.approx(10, rel=0.02)
         assert result.slip_m < 0.002
-        assert result.lift_m == pytest.approx(TrialSettings().lift_m, abs=0.003)
+        # The lift ends once the object hangs still.
+        assert TrialSettings().left_table_m < result.lift_m <= TrialSettings().lift_m
         assert result.success_probability is None
 
     @pytest.mark.parametrize(
@@ -292,7 +293,7 @@ class TestRecording:
         count = len(film)
         assert film.object_positions_m.shape == (count, 1, 3)
         assert film.finger_places_m.shape == (count, 2)
-        assert list(dict.fromkeys(film.phases)) == ["descend", "close", "lift", "hold"]
+        assert list(dict.fromkeys(film.phases)) == ["descend", "close", "lift"]
         start = BOX.objects[0].T_world_object
         assert film.T_world_object(0, 0).matrix == pytest.approx(start.matrix)
         # Until the fingers meet it the object stays; then it rises with the gripper.
@@ -300,7 +301,9 @@ class TestRecording:
         assert film.T_world_object(first, 0).matrix == pytest.approx(start.matrix, abs=1e-5)
         risen = film.object_positions_m[-1, 0, 2] - start.translation[2]
         assert risen == pytest.approx(film.tips_m[-1] - film.result.tip_m, abs=0.003)
-        assert risen == pytest.approx(film.result.lift_m, abs=1e-4)
+        # The verdict falls on the way; the film goes on to the top.
+        assert risen == pytest.approx(TrialSettings().lift_m, abs=0.003)
+        assert film.result.lift_m < risen
         opening = film.finger_places_m[:, 1] - film.finger_places_m[:, 0]
         assert opening[0] == pytest.approx(0.06)
         assert opening[-1] == pytest.approx(0.04, abs=0.001)

@@ -52,8 +52,9 @@ def propose_grasps(
 ) -> TableGrasps:
     """Grasps that are worth trying.
 
-    Random ones have their centre on what lies on the table or up to `BESIDE_M` beside it, any angle
-    and any opening that the gripper has, at most the scene's own size. Antipodal ones join two
+    Random ones have their centre on what lies on the table or up to `BESIDE_M` beside it, any
+    angle, and any opening that the gripper has and the scene's size allows, the narrow ones more
+    often (uniform in its logarithm). Antipodal ones join two
     sides of the height map, cut at one of `LEVELS` heights that the tips can reach, whose normals
     oppose each other within the friction cone; the centre is in the middle or a little off, the
     opening wider than the distance by a margin, and by more where the jaw stands askew to the
@@ -105,11 +106,12 @@ def _random(
     within = height_map.middles(cells[rng.integers(len(cells), size=count)])
     extent = float(np.hypot(*height_map.heights_m.shape)) * side + 2 * BESIDE_M
     low = max(gripper.min_opening_m, min(_LEAST_OPENING_M, gripper.max_opening_m))
+    high = max(low, min(gripper.max_opening_m, extent))
     return np.column_stack(
         [
             within + rng.uniform(-0.5, 0.5, (count, 2)) * side,
             rng.uniform(-np.pi / 2, np.pi / 2, count),
-            rng.uniform(low, max(low, min(gripper.max_opening_m, extent)), count),
+            np.exp(rng.uniform(np.log(low), np.log(high), count)),
             rng.choice(jaws, count),
         ]
     )

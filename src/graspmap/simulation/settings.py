@@ -14,8 +14,9 @@ class TrialSettings(Numerics):
     """Numbers of the simulation; those of `Numerics` come first.
 
     Args:
-        fine_timestep_s: Time step while the fingers close and while the object slides or turns in
-            the hand; ``timestep_s`` is for the calm rest.
+        fine_timestep_s: Time step while both fingers press on an object that has not come to rest
+            between them, and while it slides or spins in the hand; ``timestep_s`` is for the calm
+            rest.
         start_margin_m: The fingers begin to close this far outside what lies between them (or at
             the grasp's opening, if that is nearer): nothing happens before.
         start_penetration_m: Convex pieces may reach this far into a finger at the start, where
@@ -23,10 +24,11 @@ class TrialSettings(Numerics):
         stall_speed_m_s: Fingers slower than this have stopped.
         stall_checks: They must have, this many looks in a row.
         close_extra_s: Time to close beyond what the free way takes.
-        lift_m: Height of the lift.
+        lift_m: Height of the lift, at most: at its full speed it ends as soon as the object hangs
+            still and clear of the table for ``hold_s`` (with a shake it does not).
         lift_speed_m_s: Its speed, at most.
         lift_acceleration_m_s2: Its acceleration, at most.
-        hold_s: Time that the object must hang still.
+        hold_s: Time that the object must hang still, during the lift or after it.
         max_slip_m: How far the object may slide through the fingers.
         max_speed_m_s: How fast it may still slide at the end.
         left_table_m: An object that rose this far had left the table.
