@@ -9,7 +9,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from graspmap.reproduction.conduct import Crew, Outcome, choose_crew, conduct
+    from graspmap.reproduction.crew import Crew, Outcome, choose_crew, conduct
     from graspmap.reproduction.plan import Plan, Run, make_plan
     from graspmap.reproduction.request import Request
     from graspmap.reproduction.results import Filled, fill
@@ -40,16 +40,16 @@ __all__ = [
 ]
 
 _HOME = {
-    "Crew": "conduct",
+    "Crew": "crew",
     "Estimate": "timing",
     "Filled": "results",
-    "Outcome": "conduct",
+    "Outcome": "crew",
     "Plan": "plan",
     "Request": "request",
     "Run": "plan",
     "Table": "table_file",
-    "choose_crew": "conduct",
-    "conduct": "conduct",
+    "choose_crew": "crew",
+    "conduct": "crew",
     "estimate": "timing",
     "fill": "results",
     "make_plan": "plan",
