@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspmap.errors import InvalidInputError
-from graspmap.pictures.draw import INK, Color, Picture, text_width, write_text
+from graspmap.pictures.draw import INK, PAPER, Color, Picture, text_width, write_text
 
 PALETTE: tuple[Color, ...] = (
     (0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233), (150, 110, 0),
@@ -93,7 +93,7 @@ def line_chart(
     height = _TOP + _PLOT[1] + _BOTTOM + _LINE * named
     columns = min(columns, len(panels))
     picture: Picture = np.full(
-        (height * -(-len(panels) // columns), width * columns, 3), 255, np.uint8
+        (height * -(-len(panels) // columns), width * columns, 3), PAPER, np.uint8
     )
     for i, panel in enumerate(panels):
         row, column = divmod(i, columns)
@@ -143,9 +143,13 @@ class _Axes:
         self._polyline(np.array(corners), INK, 1)
         middle = _LEFT + (_PLOT[0] - text_width(x_label, _SMALL)) / 2
         write_text(self.picture, x_label, (middle, bottom + 34), size=_SMALL)
-        # There is no text on its side: the name of this axis stands above it, at the right end.
-        place = (right - text_width(y_label, _SMALL), 20)
-        write_text(self.picture, y_label, place, size=_SMALL)
+        self._on_its_side(y_label)
+
+    def _on_its_side(self, text: str) -> None:
+        """The name of the vertical axis, read from below."""
+        strip: Picture = np.full((16, _PLOT[1], 3), PAPER, np.uint8)
+        write_text(strip, text, ((_PLOT[1] - text_width(text, _SMALL)) / 2, 11), size=_SMALL)
+        self.picture[_TOP : _TOP + _PLOT[1], 2:18] = np.rot90(strip)
 
     def _band(self, series: Series, color: Color) -> None:
         import cv2
@@ -198,4 +202,5 @@ def _ticks(low: float, high: float) -> list[float]:
     step = 10.0 ** np.floor(np.log10((high - low) / 5))
     step *= next(factor for factor in (1, 2, 5, 10) if (high - low) / (step * factor) <= 6)
     first = np.ceil(low / step - 1e-9)
-    return [float(round(k * step, 10)) for k in np.arange(first, high / step + 1e-9)]
+    # Adding 0 makes 0 of -0.
+    return [float(round(k * step, 10)) + 0.0 for k in np.arange(first, high / step + 1e-9)]

@@ -102,7 +102,7 @@ def describe(filled: Filled) -> list[str]:
             "the epoch, half to test once. ± is the standard deviation over folds."
         )
         if plan.table.folds not in (None, f"{run}/{of}"):
-            said.append(f"The table itself has {plan.table.folds} folds.")
+            said.append(f"By default the table runs {plan.table.folds} folds.")
     said += [
         f"`{key}` is {_short(now)} instead of {_short(before)}."
         for key, (before, now) in filled.changed.items()
