@@ -23,10 +23,10 @@ from graspmap.inference import Detector, load_weights
 from graspmap.losses import UNKNOWN, Targets
 from graspmap.maps import draw_maps
 from graspmap.training import Experiment, callbacks, train
-from graspmap.training.data import Draw, Samples, make_sample
+from graspmap.training.data import Draw, Samples, collate, make_sample
 from graspmap.training.scores import TaskScores
 from graspmap.training.state import RunState
-from graspmap.training.targets import task_targets
+from graspmap.training.targets import batch_targets, task_targets
 from graspmap.training.tasks import make_experiment_network, make_loss
 
 SIDE = 32
@@ -567,3 +567,49 @@ def test_the_loss_is_the_one_that_the_experiment_names():
         "FixedWeighting(share=0.75)",
     ):
         assert part in text
+
+
+@pytest.fixture(scope="module")
+def eight(cache, tmp_path_factory):
+    """Eight scenes, two of each of four objects."""
+    root = write_things(tmp_path_factory.mktemp("eight"), 4, views=2)
+    return open_store(read_scenes(f"jacquard:{root}"), cache, size=SIDE)
+
+
+@pytest.mark.parametrize("task", ALL_TASKS)
+def test_every_head_learns_its_task_on_eight_scenes(experiment, eight, task):
+    """Beside grasping, which has a tenth of the loss: its numbers are larger than depth's."""
+    learned = change(
+        experiment,
+        network={"name": "ggcnn2", "channels": "rgb", "bins": 2},
+        tasks={task: ALL_TASKS[task]},
+        loss={"weighting": "fixed", "grasp_share": 0.1},
+    )
+    samples = Samples(eight, learned, 12.0, (task,), ("bar", "disc"))
+    batch = collate([samples[Draw(i)] for i in range(8)])
+    truth, loss = batch_targets(batch), make_loss(learned)
+    torch.manual_seed(0)
+    network = make_experiment_network(learned, 2)
+    optimiser = torch.optim.Adam(network.parameters(), lr=1e-3 if task == "category" else 3e-3)
+    for _ in range(100):
+        optimiser.zero_grad()
+        loss(*network.outputs(batch["input"]), truth).total.backward()
+        optimiser.step()
+    scores, ignorant = TaskScores((task,)), TaskScores((task,))
+    with torch.inference_mode():
+        maps, said = network.eval().outputs(batch["input"])
+        reached = float(loss(maps, said, truth).tasks[task])
+    scores.add(said, truth)
+    if task == "category":
+        assert scores.means() == {"category_accuracy": 1.0}
+    elif task == "saliency":
+        assert scores.means()["saliency_mae"] < 0.02
+    elif task == "depth":
+        ignorant.add({"depth": torch.zeros_like(truth.depth)}, truth)  # the mean of each picture
+        assert scores.means()["depth_mae"] < 0.5 * ignorant.means()["depth_mae"]
+    else:
+        graspable = truth.maps.quality > 0
+        share = float((graspable.any(1) if task == "graspness" else graspable).double().mean())
+        # Of saying that share everywhere:
+        entropy = -(share * math.log(share) + (1 - share) * math.log(1 - share))
+        assert reached < 0.5 * entropy

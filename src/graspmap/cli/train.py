@@ -75,4 +75,22 @@ def _score(metrics: Any) -> str:
     if "0.25" in (metrics.get("interval") or {}):
         low, high = metrics["interval"]["0.25"]
         text += f" (95 % interval {low:.1%} to {high:.1%})"
-    return f"{text}, {metrics['scenes']} scenes" if "scenes" in metrics else text
+    if "scenes" in metrics:
+        text += f", {metrics['scenes']} scenes"
+    return text + _tasks(metrics)
+
+
+def _tasks(metrics: dict[str, Any]) -> str:
+    """What was measured of the tasks beside grasping, in words."""
+    text = ""
+    if "category_accuracy" in metrics:
+        most = metrics["category_majority"]
+        text += (
+            f"; category {metrics['category_accuracy']:.1%} right "
+            f"({most['test_share']:.1%} by always saying {most['class']!r})"
+        )
+    if "saliency_mae" in metrics:
+        text += f"; saliency off by {metrics['saliency_mae']:.3f}"
+    if "depth_mae" in metrics:
+        text += f"; depth off by {1000 * metrics['depth_mae']:.1f} mm"
+    return text

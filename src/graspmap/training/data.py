@@ -128,6 +128,9 @@ class Samples(Dataset[dict[str, NDArray[Any]]]):
             self.store,
             draw.scene,
             matrix,
+            scene=scene,
+            # Depth comes first in the input.
+            seen=None if self.experiment.network.channels == "rgb" else sample["input"][:1],
             label=None if category is None else category.labels,
             classes=self.classes,
         )

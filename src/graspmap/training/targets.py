@@ -23,6 +23,8 @@ def task_targets(
     index: int,
     matrix: NDArray[np.float64],
     *,
+    scene: Scene | None = None,
+    seen: NDArray[np.float32] | None = None,
     label: str | None = None,
     classes: Sequence[str] = (),
 ) -> dict[str, NDArray[Any]]:
@@ -36,6 +38,8 @@ def task_targets(
         store: The packed scenes.
         index: Number of the scene.
         matrix: (3, 3) map of the input frame onto itself.
+        scene: That scene, where it was read already.
+        seen: (1, S, S) the moved depth as the network sees it, where it does.
         label: Which of the scene's labels is its class.
         classes: All classes.
 
@@ -48,7 +52,7 @@ def task_targets(
         InvalidInputError: The scene lacks the picture.
     """
     found: dict[str, NDArray[Any]] = {}
-    scene, size = store.read(index), store.size
+    scene, size = store.read(index) if scene is None else scene, store.size
     if "category" in tasks:
         name = scene.labels.get(label or "")
         found["class"] = np.array(classes.index(name) if name in classes else UNKNOWN)
@@ -62,8 +66,9 @@ def task_targets(
     if "depth" in tasks:
         measured = store.measured(index)
         known = inside if measured is None else inside & warp(measured, matrix, size, fill=False)
-        depth = to_input(None, _need(scene, "depth"), "depth", matrix, size)
-        found |= {"depth": depth, "depth_known": known[None]}
+        if seen is None:
+            seen = to_input(None, _need(scene, "depth"), "depth", matrix, size)
+        found |= {"depth": seen, "depth_known": known[None]}
     return found
 
 
