@@ -26,9 +26,9 @@ Floats = NDArray[np.float64]
 _CLOSED_M = 0.0005
 # An object that turns more slowly than this, rad/s, lies still in the hand.
 _CALM_RAD_S = 1.0
-# What creeps and turns no faster than this in the hand (contacts are soft: everything creeps) for as
-# long as the hold lasts, will not fall later: of 1,387 trials that were lifted on to the end, none
-# did. At 0.9 mm/s ten did.
+# What creeps and turns no faster than this in the hand (contacts are soft: everything creeps) for
+# as long as the hold lasts will not fall later: of 1,387 trials that were lifted on to the end,
+# none did; at 0.9 mm/s ten did.
 _REST_M_S, _REST_RAD_S = 0.0005, 0.1
 
 
@@ -376,7 +376,7 @@ class _Held:
     def _turning(self) -> float:
         """Greatest of the three speeds of turning, rad/s."""
         at = self._world.body_v[self._index]
-        return max(map(abs, self._data.qvel[at + 3 : at + 6].tolist()))
+        return float(np.abs(self._data.qvel[at + 3 : at + 6]).max())
 
     def verdict(self, when: str = "") -> Ending:
         """Held or not, and why."""
