@@ -1,0 +1,204 @@
+"""Can each network memorise eight scenes, and each head its task?
+
+A network, a loss or a sample that is wired wrongly learns something anyhow; memorising a handful of
+scenes completely is what it does not. Each network of the registry is trained on eight drawn scenes
+(no validation, nothing moved) until the best grasp of every scene is right, at an overlap above
+0.25 and an angle within 30 degrees, and the loss is below a share of that of empty maps. Then
+GG-CNN2 learns each task beside grasping, with a tenth of the loss for the grasps.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from graspmap.data import Store, open_store
+from graspmap.geometry import Grasps
+from graspmap.losses import Targets
+from graspmap.maps import GraspMaps, find_grasps
+from graspmap.metrics import best_overlap
+from graspmap.networks import NETWORKS, GraspNetwork, parameter_count
+from graspmap.training import Experiment
+from graspmap.training.data import Draw, Samples, collate, greatest_opening
+from graspmap.training.scores import TaskScores
+from graspmap.training.targets import batch_targets
+from graspmap.training.tasks import make_experiment_network, make_loss
+from studies._drawn import SHAPES, DrawnScenes
+from studies._report import table, write
+
+ABOUT = "every network memorises eight scenes, every head its task"
+
+_RIGHT = 0.25
+_TASKS = {
+    "category": {},
+    "saliency": {"loss": "bce_cel"},
+    "depth": {},
+    "graspness": {},
+    "orientation": {},
+}
+
+
+@dataclass(frozen=True)
+class Run:
+    """What is memorised, and how."""
+
+    experiment: Experiment
+    store: Store
+    device: str
+    steps: int
+    rate: float
+    near: float
+    every: int = 10
+
+
+def run(
+    *, networks: tuple[str, ...] = tuple(NETWORKS), heads: bool = True, scenes: int = 8,
+    size: int = 64, steps: int = 600, rate: float = 2e-3, near: float = 0.05,
+    channels: str = "rgbd", bins: int = 1, seed: int = 0, threads: int = 2, device: str = "cpu",
+    out: Path | None = None,
+) -> None:  # fmt: skip
+    """Memorise scenes.
+
+    Args:
+        networks: Names; those that need a task get saliency.
+        heads: Also each task on GG-CNN2.
+        scenes: How many; one batch.
+        size: Side of the input, pixels.
+        steps: At most so many steps.
+        rate: Learning rate of Adam.
+        near: Share of the loss of empty maps below which the loss is near 0.
+        channels: What the networks see.
+        bins: Orientation bins.
+        seed: Of the scenes and the weights.
+        threads: Of PyTorch on the processor.
+        device: Of PyTorch.
+        out: Folder for ``overfit.json``.
+    """
+    torch.set_num_threads(threads)
+    rows: dict[str, dict[str, Any]] = {}
+    task_rows: dict[str, dict[str, Any]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        store = open_store(DrawnScenes(scenes, seed, size), folder, size=size)
+        for name in networks:
+            tasks = {"saliency": _TASKS["saliency"]} if NETWORKS[name].needs_task else {}
+            experiment = _experiment(name, channels, bins, size, seed, tasks, {})
+            rows[name] = _memorise(Run(experiment, store, device, steps, rate, near))
+            _tell(name, rows[name])
+        for task, options in _TASKS.items() if heads else ():
+            loss = {"weighting": "fixed", "grasp_share": 0.1}
+            # Depth has to be learned from colour, and orientation between bins.
+            experiment = _experiment("ggcnn2", "rgb", 3, size, seed, {task: options}, loss)
+            task_rows[task] = _learn(Run(experiment, store, device, min(steps, 300), rate, near))
+            _tell(task, task_rows[task])
+    if rows:
+        table(["network", *next(iter(rows.values()))], [[n, *r.values()] for n, r in rows.items()])
+    if task_rows:
+        columns = ["head", *next(iter(task_rows.values()))]
+        table(columns, [[n, *r.values()] for n, r in task_rows.items()])
+    write(out, "overfit", {"seed": seed, "size": size, "networks": rows, "heads": task_rows})
+
+
+def _experiment(
+    name: str, channels: str, bins: int, size: int, seed: int, tasks: Any, loss: Any
+) -> Experiment:
+    return Experiment.model_validate(
+        {
+            "seed": seed,
+            "network": {"name": name, "channels": channels, "bins": bins},
+            "tasks": tasks,
+            "loss": loss,
+            "data": {"source": "drawn:", "size": size},
+        }
+    )
+
+
+def _memorise(work: Run) -> dict[str, Any]:
+    """Train until every scene's best grasp is right and the loss is near 0."""
+    network, batch, truth, scale = _prepare(work)
+    loss = make_loss(work.experiment)
+    zeros = GraspMaps(*(torch.zeros_like(m) for m in truth.maps))
+    empty = float(loss.grasp(zeros, truth.maps).total)
+    optimiser = torch.optim.Adam(network.parameters(), lr=work.rate)
+    success, share, step, began = 0.0, 1.0, 0, time.perf_counter()
+    while step < work.steps and not (success == 1.0 and share < work.near):
+        for _ in range(work.every):
+            _step(network, loss, optimiser, batch, truth)
+        step += work.every
+        with torch.inference_mode():
+            outputs = network.eval().outputs(batch)
+            share = float(loss.grasp(outputs.maps, truth.maps).total) / empty
+        success = _success(outputs.decoded(), work.store, scale)
+    return {
+        "parameters": parameter_count(network),
+        "steps": step,
+        "seconds": round(time.perf_counter() - began, 1),
+        "success": success,
+        "loss / empty": share,
+        "memorised": success == 1.0 and share < work.near,
+    }
+
+
+def _learn(work: Run) -> dict[str, Any]:
+    """Train a task beside grasping; what its loss and its metric come to, before and after."""
+    network, batch, truth, _ = _prepare(work)
+    (task,), loss = work.experiment.tasks.names, make_loss(work.experiment)
+    optimiser = torch.optim.Adam(network.parameters(), lr=work.rate)
+    began, found = time.perf_counter(), []
+    for steps in (0, work.steps):
+        for _ in range(steps):
+            _step(network, loss, optimiser, batch, truth)
+        scores = TaskScores((task,), work.device)
+        with torch.inference_mode():
+            maps, said = network.eval().outputs(batch)
+            scores.add(said, truth)
+            found.append((float(loss(maps, said, truth).tasks[task]), scores.means()))
+    metric = next(iter(found[1][1]), "")
+    return {
+        "steps": work.steps,
+        "seconds": round(time.perf_counter() - began, 1),
+        "loss before": found[0][0],
+        "loss after": found[1][0],
+        "metric": metric or "-",
+        "before": found[0][1].get(metric, float("nan")),
+        "after": found[1][1].get(metric, float("nan")),
+    }
+
+
+def _prepare(work: Run) -> tuple[GraspNetwork, Tensor, Targets, float]:
+    """Network, inputs (B, C, S, S), truth, and the width scale in px."""
+    indices = range(len(work.store))
+    scale = greatest_opening(work.store, indices)
+    samples = Samples(work.store, work.experiment, scale, work.experiment.tasks.names, SHAPES)
+    moved = {k: v.to(work.device) for k, v in collate([samples[Draw(i)] for i in indices]).items()}
+    torch.manual_seed(work.experiment.seed)  # for dropout
+    generator = torch.Generator().manual_seed(work.experiment.seed)
+    network = make_experiment_network(work.experiment, len(SHAPES), generator=generator)
+    return network.to(work.device), moved["input"], batch_targets(moved), scale
+
+
+def _step(network: GraspNetwork, loss: Any, optimiser: Any, batch: Tensor, truth: Targets) -> None:
+    optimiser.zero_grad()
+    loss(*network.train().outputs(batch), truth).total.backward()
+    optimiser.step()
+
+
+def _success(maps: GraspMaps[Tensor], store: Store, scale: float) -> float:
+    """Share of scenes whose best grasp is right."""
+    arrays = GraspMaps(*(m.float().cpu().numpy() for m in maps))
+    right = []
+    for i in range(len(store)):
+        best = find_grasps(arrays.item(i), 1, width_scale=scale)
+        overlap = best_overlap(best, store.read_grasps(i) or Grasps.empty())
+        right.append(bool(len(overlap)) and float(overlap[0]) > _RIGHT)
+    return float(np.mean(right))
+
+
+def _tell(name: str, row: dict[str, Any]) -> None:
+    print(f"{name}: " + ", ".join(f"{key} {value}" for key, value in row.items()), flush=True)
