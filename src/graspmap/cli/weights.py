@@ -14,8 +14,9 @@ from graspmap.errors import UnknownNameError
 
 _HELP = """usage: graspmap weights import NETWORK FILE OUT.safetensors [options]
 
-Turns a PyTorch state dict of GG-CNN or GG-CNN2 that others trained into a weights file of
-graspmap. The file is read without running anything that it may hold.
+Turns a PyTorch state dict (or the tensors of a TorchScript file) of GG-CNN, GG-CNN2, GR-ConvNet
+or U-Net that others trained into a weights file of graspmap. The file is read without running
+anything that it may hold.
 
 Example:
   graspmap weights import ggcnn2 ggcnn2_epoch_50_cornell_statedict.pt ggcnn2.safetensors
@@ -32,16 +33,19 @@ class Import:
     """
 
     network: Annotated[tyro.conf.Positional[str], option("NETWORK")]
-    """Which network it is: ggcnn, or ggcnn2 (with transposed layers, or bilinear as published)."""
+    """Which network it is: ggcnn, ggcnn2 (with transposed layers, or bilinear as published),
+    grconvnet, grconvnet2, grconvnet3, grconvnet4 or unet."""
     file: Annotated[tyro.conf.Positional[Path], option("FILE")]
-    """The state dict: a .pt or .pth file of PyTorch, or a .safetensors file."""
+    """The state dict: a .pt or .pth file of PyTorch (also TorchScript), or a .safetensors file."""
     out: Annotated[tyro.conf.Positional[Path], option("OUT.safetensors")]
     """The weights file to write; a readable card OUT.json is written beside it."""
     width_scale: Annotated[float, option("PX", "default: 150, as the published weights have")] = (
         150.0
     )
     """Opening in input pixels that the network's width map shows as 1."""
-    size: Annotated[int, option("PX", "default: 300")] = 300
+    size: Annotated[
+        int | None, option("PX", "default: 300; 224 for GR-ConvNet, 320 for U-Net")
+    ] = None
     """Side of the square input that it was trained with."""
     channels: Annotated[
         Literal["depth", "rgb", "rgbd"] | None,

@@ -1,6 +1,7 @@
 """Grasp networks: a normalised picture in, `GraspMaps` out, in one pass."""
 
 from graspmap.networks.base import MAP_NAMES, GraspHeads, GraspNetwork, parameter_count
+from graspmap.networks.cost import Layer, multiply_adds, trace_layers
 from graspmap.networks.ggcnn import GGCNN, GGCNN2, GGCNN2Bilinear
 from graspmap.networks.registry import NETWORKS, make_network
 from graspmap.networks.tasks import (
@@ -22,8 +23,11 @@ __all__ = [
     "GGCNN2Bilinear",
     "GraspHeads",
     "GraspNetwork",
+    "Layer",
     "Outputs",
     "TaskSpec",
     "make_network",
+    "multiply_adds",
     "parameter_count",
+    "trace_layers",
 ]
