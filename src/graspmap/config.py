@@ -248,8 +248,9 @@ def _config_error(
         # A union adds the name of its branch to the place; the key ends before it.
         while len(parts) > 1 and ".".join(parts) not in known:
             parts.pop()
-        key = ".".join(parts) or "the file"
+        key = ".".join(parts)
         same = [i for i in issues if ".".join(map(str, i["loc"])).startswith(key)]
+        key = key or "the file"
         if issue["type"] == "missing":
             problem = "is missing"
             remedy = "add it" if overridden is None else f"add it, or pass --{key} VALUE"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from hashlib import blake2b
 from typing import Any
@@ -133,6 +133,7 @@ class _Builder:
     facts: DataFacts
     test: DataFacts | None
     folds: tuple[int, int] | None
+    _known: dict[str, Experiment] = field(default_factory=dict)
 
     def published(self, line: Line, variant: Variant) -> Experiment:
         """As the thesis has it, on the data of the request; first fold."""
@@ -145,8 +146,11 @@ class _Builder:
             ConfigError: It contradicts itself.
         """
         experiment = self._read(line, variant, self.request.changes)
-        with torch.device("meta"):  # the weights are not needed
-            check_experiment(experiment)
+        asked = f"{experiment.network} {experiment.tasks} {experiment.loss}"
+        if asked not in self._known:
+            with torch.device("meta"):  # the weights are not needed
+                check_experiment(experiment)
+            self._known[asked] = experiment
         return shrink(experiment, self.request.scale, self._batches(experiment))
 
     def of_fold(self, experiment: Experiment, fold: int) -> Experiment:
@@ -193,7 +197,11 @@ class _Builder:
             values["data.test.source"] = self.test.source
         if self.folds is not None:
             values |= {"data.split.folds": self.folds[1], "data.split.fold": 0}
-        return read_experiment(experiment_path(line.experiment), values)
+        key = f"{line.experiment} {values}"
+        if key not in self._known:
+            path = experiment_path(line.experiment)
+            self._known[key] = read_experiment(path, values)
+        return self._known[key]
 
     def _batches(self, experiment: Experiment) -> int:
         """Batches of one pass over the training part, about."""
