@@ -126,13 +126,7 @@ def draw(rows: Sequence[Row], title: str) -> str:
         middle = top + lift + 18 + _TALL / 2
         boxes = _trunk(drawing, row, middle)
         for start, end in row.skips:
-            a, b = boxes[start], boxes[end]
-            high = min(a.y, b.y) - 14 - 0.02 * (b.x - a.x)
-            x0, x1 = a.x + a.width / 2, b.x + (b.width + 5 if row.sums else -4)
-            drawing.line(
-                f"M{x0:.1f} {a.y - 11:.1f}C{x0:.1f} {high - 8:.1f} {x1:.1f} {high - 8:.1f} "
-                f"{x1:.1f} {b.y - 2:.1f}"
-            )
+            drawing.line(_skip(boxes[start], boxes[end], middle, sums=row.sums))
         for word, after in row.leaves.items():
             below, pooled = drawing.height + 20, after == "middle2"
             _branch(drawing, row, word, boxes[after], below, pooled=pooled)
@@ -149,6 +143,20 @@ def draw(rows: Sequence[Row], title: str) -> str:
     drawing.width = max(drawing.width, _LEFT + 4.6 * len(words))
     drawing.height = y + 21
     return drawing.svg(title)
+
+
+def _skip(a: Box, b: Box, middle: float, *, sums: bool) -> str:
+    """The path from one box to another: into what goes into it, or onto what comes out."""
+    high = min(a.y, b.y) - 22 - 0.02 * (b.x - a.x)
+    if sums:
+        x0, x1 = a.x + a.width + 12, b.x + b.width + 6
+        low, onto = a.y - 4, f"V{middle - 1:.1f}"
+        start = f"M{x0:.1f} {middle:.1f}V{low:.1f}"
+    else:
+        x0, x1 = a.x + a.width / 2, b.x - 4
+        low, onto = b.y - 2, ""
+        start = f"M{x0:.1f} {a.y - 11:.1f}"
+    return f"{start}C{x0:.1f} {high:.1f} {x1:.1f} {high:.1f} {x1:.1f} {low:.1f}{onto}"
 
 
 def _trunk(drawing: Drawing, row: Row, middle: float) -> dict[str, Box]:
