@@ -197,9 +197,10 @@ def test_what_does_not_fit_is_said(tmp_path):
     assert "a multiple of 4" in refusal(path, "grconvnet4")
 
 
-def test_whole_networks_are_refused_with_a_way_to_convert_them(tmp_path):
+@pytest.mark.parametrize("new", [True, False])
+def test_whole_networks_are_refused_with_a_way_to_convert_them(tmp_path, new):
     path = tmp_path / "epoch_30_iou_0.97"
-    torch.save(PublishedGRConvNet(), path)
+    torch.save(PublishedGRConvNet(), path, _use_new_zipfile_serialization=new)
     text = refusal(path)
     assert "PublishedGRConvNet" in text
     assert "could run code" in text
