@@ -19,8 +19,8 @@ from graspmap.gripper import load_gripper
 from graspmap.pictures import Tile, contact_sheet, encode
 from graspmap.simulation.objects import ObjectModel
 from graspmap.simulation.procedural import FAMILIES, ObjectRanges, make_object
-from graspmap.simulation.rays import RayCaster
 from graspmap.simulation.solids import open_edges
+from studies._rays import RayCaster
 from studies._report import table, write
 
 ABOUT = "procedural objects: a sheet of them, their cost, and how many can be held"

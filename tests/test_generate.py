@@ -169,7 +169,7 @@ def test_records_say_where_scenes_come_from(made):
         assert record.seed[:2] == (3, number // 2)
         assert record.seed[3] == number % 2
         assert record.objects[0].source.seed == 3
-        assert {"graspmap", "mujoco", "embreex", "coacd"} <= record.versions.keys()
+        assert {"graspmap", "mujoco", "manifold3d", "numba"} <= record.versions.keys()
 
 
 # The same bytes.

@@ -68,7 +68,7 @@ def test_the_numbers_that_jacquards_trials_were_chosen_with():
     gripper = load_gripper("jacquard")
     assert gripper.jaw_sizes_m == (0.01, 0.02, 0.03, 0.04, 0.06)
     assert (gripper.min_opening_m, gripper.max_opening_m) == (0, 0.24)
-    assert (gripper.force_n, gripper.friction, gripper.jaw_contact_share) == (50, 0.5, 0.8)
+    assert (gripper.force_n, gripper.friction, gripper.jaw_contact_share) == (50, 0.4, 0.8)
     assert (gripper.max_depth_m, gripper.table_clearance_m) == (0.04, 0.003)
     assert (gripper.on_touch, gripper.touch_gap_m) == ("stop", 0.001)
 

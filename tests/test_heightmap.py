@@ -10,7 +10,7 @@ from scipy.spatial import Delaunay
 
 from graspmap.errors import InvalidInputError
 from graspmap.simulation.heightmap import MOST_CELLS, HeightMap
-from graspmap.simulation.rays import RayCaster
+from studies._rays import RayCaster
 
 place = st.floats(-0.02, 0.02)
 triangle_soups = st.lists(

@@ -204,7 +204,7 @@ class TestMixture:
 
     @pytest.mark.parametrize("shape", ["open-box", "tube", "mug", "square-tube", "plate"])
     def test_walls_are_as_thick_as_asked(self, shape):
-        from graspmap.simulation.rays import RayCaster
+        from studies._rays import RayCaster
 
         for index in range(3):
             model = make_object(6, index, family=shape)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from graspmap.simulation.rays import RayCaster
+from studies._rays import RayCaster
 
 
 def brute_force(triangles, origin, direction):

@@ -18,7 +18,6 @@ from hypothesis import strategies as st
 from graspmap.errors import InvalidInputError
 from graspmap.geometry import Camera, RigidTransform
 from graspmap.simulation.objects import ObjectModel, Texture
-from graspmap.simulation.rays import RayCaster
 from graspmap.simulation.render import (
     Randomisation,
     View,
@@ -30,6 +29,7 @@ from graspmap.simulation.render import (
 )
 from graspmap.simulation.render.appearance import Appearance, Film, Light, ObjectLook, TableLook
 from graspmap.simulation.tabletop import PlacedObject, Tabletop
+from studies._rays import RayCaster
 
 BOX_FACES = np.array(
     [

@@ -32,7 +32,7 @@ from graspmap.simulation.tabletop import PlacedObject, Tabletop
 SUFFIX = "_scene.json"
 _REMEDY = "make the scene again, or copy the file again"
 _RGB = "_RGB.png"
-_LIBRARIES = ("graspmap", "mujoco", "embreex", "coacd", "numpy")
+_LIBRARIES = ("graspmap", "mujoco", "manifold3d", "numba", "numpy")
 
 Rows = tuple[tuple[float, ...], ...]
 
