@@ -59,8 +59,7 @@ class Generate:
     scenes: Annotated[int, option("N", "needed")]
     """How many scenes."""
     objects: Annotated[str, option("procedural|DIR", "default: procedural")] = "procedural"
-    """Objects that graspmap makes up, or a folder of meshes (.obj .stl .ply .off .glb .gltf
-    .3mf)."""
+    """Objects that graspmap makes up, or a folder of meshes (.obj .stl .ply .off .glb .gltf)."""
     gripper: Annotated[str, option("G", "default: jacquard")] = "jacquard"
     """Name of a profile (`graspmap gripper list`) or a YAML file."""
     views: Annotated[int, option("V", "default: 5")] = 5
