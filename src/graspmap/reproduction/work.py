@@ -190,11 +190,12 @@ def _detector(folder: Path, device: str) -> Detector:
 
 def _test_scenes(experiment: Experiment, folder: Path) -> Scenes:
     from graspmap.data import limit_objects, read_scenes, read_split
+    from graspmap.training.setup import split_seed
 
     values = experiment.data
     if values.test is not None:
         scenes = read_scenes(values.test.source, depth=values.test.depth)
-        count, seed = values.test.limit_objects, experiment.seed
+        count, seed = values.test.limit_objects, split_seed(experiment)
         if count is None:
             return scenes
         return scenes.subset(limit_objects(scenes, scenes.ids, count, seed=seed))

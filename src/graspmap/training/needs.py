@@ -84,12 +84,13 @@ def check_contents(
             if key == "network.channels"
             else f"give data that have one, or set {key} to null"
         )
-        raise FileError(
-            source,
+        found = (
             f"{len(without)} of {len(scenes)} scenes have no {what}, which {key} needs, first "
-            f"{without[0]}",
-            remedy,
+            f"{without[0]}"
+            if len(scenes) > 1
+            else f"scene {without[0]} has no {what}, which {key} needs"
         )
+        raise FileError(source, found, remedy)
 
 
 def known_tasks(experiment: Experiment, scenes: Sequence[Contents]) -> tuple[str, ...]:

@@ -128,4 +128,5 @@ def check_experiment(experiment: Experiment) -> None:
             "tasks.depth: the network is to say the depth that is all it is shown; "
             "set network.channels to rgb to learn it from colour"
         )
-    make_experiment_network(experiment)
+    with torch.device("meta"):  # shapes without numbers
+        make_experiment_network(experiment)
