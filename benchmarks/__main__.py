@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 import torch
 
-from benchmarks import usual
+from benchmarks import simulation, usual
 from benchmarks.timing import Comparison, compare
 from graspmap import Grasps, Scenes, draw_maps, find_grasps, read_scenes
 from graspmap.data import open_store
@@ -256,6 +256,7 @@ def main() -> None:
             "metric": lambda: metric_row(scenes),
             "network": lambda: network_rows(work),
             "layout": layout_rows,
+            "simulation": simulation.rows,
         }
         for name, group in groups.items():
             if arguments.only not in name:
