@@ -119,7 +119,8 @@ def conduct(plan: Plan, root: Path, crew: Crew, progress: Progress | None = None
     if not score.todo:
         return score.outcome
     workers = min(crew.workers, len(score.todo))
-    alone = workers == 1
+    # Which GPU a process sees is settled before it first looks.
+    alone = workers == 1 and crew.devices[0] in ("cpu", "0")
     with tempfile.TemporaryDirectory(prefix="graspmap-") as tickets:
         place = Place(root, crew.threads, crew.devices, None if alone else Path(tickets), workers)
         runs = {run.id: run for run in plan.runs}
@@ -137,7 +138,12 @@ def conduct(plan: Plan, root: Path, crew: Crew, progress: Progress | None = None
 
 
 def _do(place: Place, runs: Mapping[str, Run], progress: Progress | None, name: str) -> None:
-    do_run(place, runs[name], progress)
+    try:
+        do_run(place, runs[name], progress)
+    except KeyboardInterrupt:
+        if place.tickets is None:
+            raise
+        os._exit(130)  # a worker that is told to stop has nothing to say
 
 
 class _Score:

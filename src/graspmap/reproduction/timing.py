@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +13,7 @@ import torch
 from graspmap.inference import Detector, WeightsCard
 from graspmap.networks import parameter_count
 from graspmap.reproduction.plan import Plan, Run
+from graspmap.reproduction.work import threads_of
 from graspmap.training import Experiment
 from graspmap.training.tasks import make_experiment_network
 
@@ -109,7 +109,7 @@ def time_step(experiment: Experiment, classes: int, device: str, threads: int) -
     side = min(experiment.data.size, _STEP_PX)
     images = torch.randn(_STEP_PICTURES, network.channels, side, side, device=where)
     optimiser = torch.optim.Adam(network.parameters())
-    with _threads(threads):
+    with threads_of(threads):
         for _ in range(2):  # the first one warms up
             start = time.perf_counter()
             with torch.no_grad():
@@ -131,16 +131,6 @@ def _now(device: str) -> float:
     if device == "cuda":
         torch.cuda.synchronize()
     return time.perf_counter()
-
-
-@contextmanager
-def _threads(count: int) -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(count)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 @dataclass(frozen=True)

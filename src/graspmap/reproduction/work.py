@@ -95,7 +95,7 @@ def do_run(place: Place, run: Run, progress: Progress | None = None) -> None:
         GraspmapError: The run cannot be done.
     """
     folder = place.root / run.id
-    with locked(folder, "reproduction"), _threads(place.threads):
+    with locked(folder, "reproduction"), threads_of(place.threads):
         result = _stored(folder)
         device = _device(place)
         tell = progress or _Heartbeat(folder / PROGRESS_FILE)
@@ -204,7 +204,7 @@ def _test_scenes(experiment: Experiment, folder: Path) -> Scenes:
 
 
 @contextmanager
-def _threads(count: int) -> Iterator[None]:
+def threads_of(count: int) -> Iterator[None]:
     """So many threads of PyTorch: the bits of a sum depend on it."""
     import torch
 
