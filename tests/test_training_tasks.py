@@ -7,6 +7,7 @@ import json
 import logging
 import math
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 import torch
 
-from graspmap.data import Scene, open_store, read_scenes, read_split, write_jacquard
+from graspmap.data import Scene, make_split, open_store, read_scenes, read_split, write_jacquard
 from graspmap.errors import ConfigError, FileError, GraspmapError, InvalidInputError
 from graspmap.evaluation import evaluate_detector
 from graspmap.geometry import Grasps
@@ -470,8 +471,19 @@ def test_fewer_objects_to_train_on(experiment, tmp_path):
     assert len({name.split("_")[1] for name in parts[0]["train"]}) == 2
     assert len(parts[0]["train"]) == 6
     train(few, tmp_path / "few")  # the limit is not applied to what is already limited
-    with pytest.raises(InvalidInputError, match=r"1 to \d+, all"):
+    with pytest.raises(ConfigError, match=r"data\.split\.limit_objects: is 99.* 1 to \d+, all"):
         train(change(few, data__split={"limit_objects": 99}), tmp_path / "many")
+
+
+def test_a_split_without_a_training_part(experiment, tmp_path):
+    path = tmp_path / "split.json"
+    split = make_split(read_scenes(experiment.data.source))
+    replace(split, parts={"test": split.parts["test"]}).write(path)
+    problems = ("train part of the split has no", r"data\.split\.limit_objects: is 1, but")
+    for name, limit, problem in zip(("all", "few"), (None, 1), problems, strict=True):
+        one = change(experiment, data__split={"file": str(path), "limit_objects": limit})
+        with pytest.raises(GraspmapError, match=problem):
+            train(one, tmp_path / name)
 
 
 # What is refused, before anything is trained.
@@ -613,3 +625,31 @@ def test_every_head_learns_its_task_on_eight_scenes(experiment, eight, task):
         # Of saying that share everywhere:
         entropy = -(share * math.log(share) + (1 - share) * math.log(1 - share))
         assert reached < 0.5 * entropy
+
+
+@pytest.mark.filterwarnings("ignore:.*bfloat16")
+def test_other_processes_and_half_precision_learn_tasks_too(experiment, whole_run, tmp_path):
+    short = change(experiment, training__epochs=1, training__checkpoint_minutes=60)
+    train(change(short, training__workers=1), tmp_path / "workers")
+    assert rows(tmp_path / "workers") == rows(whole_run[0])[:2]
+    train(change(short, training__precision="bf16"), tmp_path / "half")
+    half, full = (rows(out)[1]["train_loss"] for out in (tmp_path / "half", whole_run[0]))
+    assert half != full
+    assert half == pytest.approx(full, rel=0.05)
+
+
+def test_the_command_tells_how_the_tasks_went(experiment, whole_run, tmp_path, capsys):
+    from graspmap.cli import main
+
+    out, card = whole_run
+    path = tmp_path / "things.yaml"
+    path.write_text(experiment.to_yaml(), encoding="utf-8")
+    assert main(["train", str(path), "--out", str(out)]) == 0
+    told = capsys.readouterr().out
+    found = card.metrics["test"]
+    assert f"category {found['category_accuracy']:.1%} right" in told
+    assert f"by always saying {found['category_majority']['class']!r}" in told
+    assert f"saliency off by {found['saliency_mae']:.3f}" in told
+    assert f"depth off by {1000 * found['depth_mae']:.1f} mm" in told
+    assert main(["train", str(path), "--out", str(out), "--tasks.saliency.los", "mse"]) == 2
+    assert "did you mean tasks.saliency.loss?" in capsys.readouterr().err

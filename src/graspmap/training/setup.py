@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,11 +23,13 @@ from graspmap.data import (
     read_scenes,
     read_split,
 )
+from graspmap.data.split import By
 from graspmap.errors import (
     ConfigError,
     FileError,
     FileFormatError,
     GraspmapError,
+    InvalidInputError,
     storage_errors,
 )
 from graspmap.files import read_bytes, remove_parts, write_text
@@ -210,7 +213,7 @@ def prepare(experiment: Experiment, folder: Folder, device: str, progress: Progr
     split = _split(experiment, scenes, folder)
     others = None if values.test is None else _other_scenes(experiment, values.test)
     # What all scenes lack is said now, and not after an hour of packing.
-    _check_first(experiment, scenes.subset(split.parts["train"]), values.source)
+    _check_first(experiment, scenes.subset(split.parts.get("train", ())), values.source)
     if others is not None and values.test is not None:
         _check_first(experiment, others, values.test.source, tasks=False)
     with progress("packing pictures") as update:
@@ -243,8 +246,26 @@ def _other_scenes(experiment: Experiment, values: TestSection) -> Scenes:
     scenes = read_scenes(values.source, depth=values.depth)
     if values.limit_objects is None:
         return scenes
-    seed = split_seed(experiment)
-    return scenes.subset(limit_objects(scenes, scenes.ids, values.limit_objects, seed=seed))
+    key = "data.test.limit_objects"
+    kept = _limited(experiment, key, scenes, scenes.ids, "object", split_seed(experiment))
+    return scenes.subset(kept)
+
+
+def _limited(
+    experiment: Experiment, key: str, scenes: Scenes, ids: Sequence[str], by: By, seed: int
+) -> tuple[str, ...]:
+    """As many objects' scenes as the value of ``key`` says.
+
+    Raises:
+        ConfigError: There are fewer.
+    """
+    count = experiment.flat()[key]
+    try:
+        return limit_objects(scenes, ids, count, by=by, seed=seed)
+    except InvalidInputError as error:
+        what = f"is {count}, but there are fewer objects"
+        remedy = f"allowed here: {error.allowed}"
+        raise ConfigError(f"experiment {experiment.name}", key, what, remedy) from error
 
 
 def _other_test(
@@ -271,7 +292,9 @@ def _other_test(
 def _check_first(
     experiment: Experiment, scenes: Scenes, source: str, *, tasks: bool = True
 ) -> None:
-    """See that the first scene has what the experiment needs."""
+    """See that the first scene, where there is any, has what the experiment needs."""
+    if not len(scenes):
+        return
     scene = scenes[0]
     check_contents(experiment, source, {scene.id: Contents.of_scene(scene)}, tasks=tasks)
 
@@ -312,9 +335,8 @@ def _split(experiment: Experiment, scenes: Scenes, folder: Folder) -> Split:
         shares = {name: getattr(values, name) for name in PARTS if getattr(values, name) > 0}
         split = make_split(scenes, parts=shares, by=values.by, seed=seed)
     if values.limit_objects is not None:
-        kept = limit_objects(
-            scenes, split.parts["train"], values.limit_objects, by=split.by, seed=split.seed
-        )
+        key, train = "data.split.limit_objects", split.parts.get("train", ())
+        kept = _limited(experiment, key, scenes, train, split.by, split.seed)
         split = replace(split, parts={**split.parts, "train": kept})
     split.write(folder.split)
     return split
