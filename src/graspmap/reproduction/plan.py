@@ -99,6 +99,7 @@ def make_plan(request: Request) -> Plan:
         return _without_runs(request, table, lines)
     assert request.data is not None  # check_request saw to it
     changes = request.changes
+    _check_keys(lines, changes)
     facts = look_at(request.data, changes.get("data.depth"))
     test = None
     if request.test_data is not None:
@@ -123,6 +124,13 @@ def make_plan(request: Request) -> Plan:
     if not (test or facts).trials:
         unmeasured["sgt"] = "no depth with a camera or a record, so grasps cannot be tried"
     return _filled(builder, table, tuple(kept), tuple(left_out), unmeasured)
+
+
+def _check_keys(lines: Sequence[Line], changes: Mapping[str, Any]) -> None:
+    """See that the user's keys are keys, before any data are looked at."""
+    for name in dict.fromkeys(line.experiment for line in lines if line.experiment is not None):
+        mine = {k: v for k, v in changes.items() if not k.startswith("data.test.")}
+        read_experiment(experiment_path(name), mine)
 
 
 @dataclass(frozen=True, eq=False)
