@@ -25,7 +25,7 @@ from graspmap.files import locked
 from graspmap.geometry import Grasps
 from graspmap.inference import WeightsCard, load_weights, save_weights
 from graspmap.networks import make_network
-from graspmap.reproduction import crew, make_plan, work
+from graspmap.reproduction import crew, make_plan, timing, work
 from graspmap.reproduction.crew import Crew, choose_crew, conduct
 from graspmap.reproduction.request import Request
 from graspmap.reproduction.results import fill
@@ -343,7 +343,8 @@ def test_parts_that_are_not_trained_say_nothing(bars):
 # Times.
 
 
-def test_times_of_a_network(bars):
+def test_times_of_a_network(monkeypatch):
+    monkeypatch.setattr(timing, "_SECONDS", 0.2)
     plan = make_plan(Request("table-5.3", rows="GGCNN2", changes={"data.size": SIDE}))
     found = time_detection(plan.experiments[0, 0])
     assert found["parameters"] == 72484
@@ -395,7 +396,8 @@ def test_the_list_of_tables(capsys):
         (["table-5.1", "--data", "jacquard:/nowhere"], "/nowhere"),
         (["table-4.4", "--devices", "7"], "--devices is '7'; allowed: auto, cpu"),
         (["table-4.4", "--workers", "0"], "--workers is 0; allowed: 1 or more"),
-        (["table-5.1", "--data", "x:y", "--network.bin", "3"], "kind of data set is 'x'"),
+        (["table-5.1", "--data", "x:y"], "kind of data set is 'x'"),
+        (["table-5.1", "--data", "x:y", "--network.bin", "3"], "did you mean network.bins?"),
     ],
 )
 def test_mistakes_end_in_one_line(words, said, capsys):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 from graspmap.data import Scenes, read_scenes
 from graspmap.data.kinds import detect_kind, split_spec
@@ -48,8 +49,13 @@ class DataFacts:
         category = experiment.tasks.category
         if category is None:
             return 2
-        names = {self.scenes.read(i).labels.get(category.labels) for i in range(len(self.scenes))}
-        return len(names - {None})
+        return _count_classes(self.scenes, category.labels)
+
+
+@cache
+def _count_classes(scenes: Scenes, kind: str) -> int:
+    names = {scenes.read(i).labels.get(kind) for i in range(len(scenes))}
+    return len(names - {None})
 
 
 def look_at(source: str, depth: str | None = None) -> DataFacts:
