@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import cv2
@@ -432,6 +433,20 @@ def test_who_does_the_runs():
     assert choose_crew(devices="cpu") == Crew(cores, 1, ("cpu",))
     assert choose_crew(3, 2, "cpu") == Crew(3, 2, ("cpu",))
     assert choose_crew(None, cores + 1, "cpu") == Crew(1, cores + 1, ("cpu",))
+
+
+def test_workers_share_gpus_out(tmp_path, monkeypatch):
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "before")
+    with ExitStack() as held:
+        monkeypatch.setattr(work, "_HELD", held)
+        seen = []
+        for worker in range(3):
+            root = tmp_path / str(worker)  # a place of its own: as in another process
+            place = work.Place(root, 1, ("4", "7"), tmp_path / "tickets", workers=3)
+            assert work._device(place) == "cuda"
+            seen.append(os.environ["CUDA_VISIBLE_DEVICES"])
+        assert work._device(place) == "cuda"  # and keeps it
+        assert seen == ["4", "7", "4"]
 
 
 @pytest.mark.parametrize(
