@@ -16,7 +16,7 @@ class Measure:
 
     Attributes:
         title: Head of its column.
-        path: Keys that lead to it in the run's result; the first that is there counts.
+        paths: Ways of keys that lead to it in a run's result; the first that is there counts.
         percent: Whether it is a share that is written in percent.
         digits: Decimals.
         need: What has to be done for it beyond training.
