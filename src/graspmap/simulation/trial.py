@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from graspmap.errors import InvalidInputError
 from graspmap.geometry.table_grasps import TableGrasps
 from graspmap.gripper import Gripper
-from graspmap.simulation._attempt import Attempt, Ending, Record, Start
+from graspmap.simulation._attempt import Attempt, Record, Start
+from graspmap.simulation._held import Ending
 from graspmap.simulation._mujoco_model import World, compile_world
 from graspmap.simulation.descent import Descents, judge_descents
 from graspmap.simulation.numerics import check_range
