@@ -87,6 +87,13 @@ class TestGood:
         assert model.mass_kg == pytest.approx(mass)
         assert model.inertia[0, 0] == pytest.approx(mass / 12 * (0.04**2 + 0.05**2))
 
+    def test_names_in_an_old_encoding(self, load):
+        text = BOX.export(file_type="obj").encode()
+        model = load(
+            "# K\N{LATIN SMALL LETTER U WITH DIAERESIS}che\n".encode("latin-1") + text, "a.obj"
+        )
+        assert model.extents_m == pytest.approx((0.06, 0.04, 0.05))
+
     def test_several_geometries_are_one_object(self, tmp_path, cache):
         lid = trimesh.creation.box((0.06, 0.04, 0.01))
         scene = trimesh.Scene([BOX])
@@ -323,6 +330,8 @@ class TestRefused:
             ("a.obj", b"v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n", "coincide"),
             ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n", "flat"),
             ("a.obj", b"v 0 0 0\nv 1 0 0\nv .5 0 0\nf 1 2 3\n", "flat"),
+            ("a.obj", bytes(range(256)) * 3, "no triangle"),
+            ("a.off", b"OFF\n\xff\n", "cannot be read as .off"),
             ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 9\n", "cannot be read as .ply"),
             ("a.stl", b"\0" * 200, "no triangle"),
             ("a.stl", bytes(range(256)) * 3, "cannot be read as .stl"),

@@ -49,17 +49,27 @@ def find_meshes(folder: Path) -> list[MeshFile]:
     paths = {
         path.relative_to(folder).as_posix(): path
         for path in folder.rglob("*")
-        if path.suffix.lower() in MESH_SUFFIXES and path.is_file() and not path.name.startswith(".")
+        if path.suffix.lower() in MESH_SUFFIXES
+        and not path.name.startswith(".")
+        # A link to nowhere is told when it is to be prepared.
+        and (path.is_file() or not path.exists())
     }
     if not paths:
         raise DatasetNotFoundError(
             folder,
-            f"no mesh ({', '.join(MESH_SUFFIXES)}) in it" if folder.is_dir() else "no such folder",
+            _nothing(folder),
             "name a folder of meshes, or 'procedural' for objects that graspmap makes up",
         )
     names = sorted(paths)
     ids = _ids(names)
     return [MeshFile(paths[n], n, ids[n], _hash(paths[n])) for n in names]
+
+
+def _nothing(folder: Path) -> str:
+    """Why there is no mesh in what should be a folder."""
+    if folder.is_dir():
+        return f"no mesh ({', '.join(MESH_SUFFIXES)}) in it"
+    return "is a file and no folder" if folder.exists() else "no such folder"
 
 
 def prepare_mesh(plan: GenerationPlan, root: Path, file: MeshFile) -> MeshEntry:

@@ -5,6 +5,7 @@ Letters in shapes: V vertices, F triangles, h rows and w columns of a picture.
 
 from __future__ import annotations
 
+import io
 import logging
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,11 +63,15 @@ def read_mesh_file(path: Path) -> RawMesh:
     # What trimesh would say about a damaged file is said by our error.
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)
     try:
-        scene = trimesh.load_scene(path, process=False)
+        scene = _scene(path)
         meshes = [g for g in scene.dump() if isinstance(g, trimesh.Trimesh) and len(g.faces)]
         unit = _UNITS.get(str(scene.units))
     except MemoryError:
         raise
+    except ImportError as error:  # trimesh would look for a package that guesses the encoding
+        raise FileFormatError(
+            path, f"cannot be read as {path.suffix.lower()} (it is no UTF-8 text)", _EXPORT
+        ) from error
     except Exception as error:  # whatever a parser stumbles over
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise FileFormatError(
@@ -86,6 +91,24 @@ def read_mesh_file(path: Path) -> RawMesh:
         )
     texture, remarks = _texture(meshes)
     return RawMesh(vertices, faces.astype(np.int32), texture, unit, remarks)
+
+
+def _scene(path: Path) -> Any:
+    """What trimesh makes of a file.
+
+    OBJ files of old programs have names of objects in an old encoding. Those do not matter here;
+    Latin-1 gives every byte a letter.
+    """
+    import trimesh
+
+    try:
+        return trimesh.load_scene(path, process=False)
+    except ImportError:
+        if path.suffix.lower() != ".obj":
+            raise
+        text = io.StringIO(path.read_bytes().decode("latin-1"))
+        folder = trimesh.resolvers.FilePathResolver(str(path))
+        return trimesh.load_scene(text, file_type="obj", resolver=folder, process=False)
 
 
 def _check_file(path: Path) -> None:

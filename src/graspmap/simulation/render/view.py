@@ -41,9 +41,12 @@ class OutOfViewError(InvalidInputError):
 
     def __init__(self, object_id: str, outside: float, beyond_px: float) -> None:
         self.object_id, self.outside, self.beyond_px = object_id, outside, beyond_px
+        far = (
+            f", by up to {beyond_px:.0f} px" if math.isfinite(beyond_px) else ", in part behind it"
+        )
         super().__init__(
             f"object {object_id}",
-            f"{outside:.0%} outside the picture, by up to {beyond_px:.0f} px",
+            f"{outside:.0%} outside the picture{far}",
             "objects that the camera sees whole: make it smaller, or take the camera farther away",
         )
 
