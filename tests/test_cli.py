@@ -111,7 +111,8 @@ def test_help_needs_no_library():
     [
         (["detec"], "did you mean 'detect'?"),
         (["detect", "--rbg", "f"], "did you mean --rgb?"),
-        (["detect", "--top", "x"], "--top"),
+        (["detect", "--top", "x"], "--top is 'x'; allowed: a whole number"),
+        (["detect", "--threshold", "x"], "--threshold is 'x'; allowed: a number"),
         (["detect", "--top"], "--top"),
         (["detect", "--rgb", "a.png"], "graspmap weights import"),
         (["detect", "--weights", "w"], "the picture is not given"),

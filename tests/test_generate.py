@@ -327,7 +327,7 @@ def test_a_plan_without_any_scene_is_told(tmp_path, monkeypatch):
         ({"size_px": 20}, "size_px"),
         ({"size_px": 48}, r"jaw size of gripper jacquard is 0\.01 m, 0\.\d+ px"),
         ({"candidates": 0}, "candidates"),
-        ({"unit": "mm"}, "neither for procedural objects"),
+        ({"unit": "mm"}, "not for procedural objects"),
         ({"family": "mugg"}, "did you mean 'mug"),
         (
             {"randomisation": NEAR, "gripper": replace(GRIPPER, jaw_sizes_m=(0.02, 0.3))},
@@ -377,8 +377,13 @@ def test_the_speed_counts_what_this_run_has_made(monkeypatch, capsys):
         (["--scenes", "3", "--gripper", "frankka"], "did you mean 'franka'?"),
         (["--scenes", "3", "--workers", "-1"], "--workers is -1"),
         (["--scenes", "3", "--randomisation", "none.yaml"], "no such randomisation file"),
+        (["--scenes", "3", "--randomisation", "plane"], "did you mean 'plain'?"),
+        (["--scenes", "3", "--objects", __file__], "is a file and no folder"),
+        (["--scenes", "3", "--objects", "x", "--family", "mug"], "family is 'mug'"),
+        (["--scenes", "three"], "--scenes is 'three'; allowed: a whole number"),
+        (["--scenes", "3", "--unit", "cmm"], "--unit is 'cmm'; allowed: cm, inch, m, mm; did"),
         (["--scenes", "-3"], "scenes is -3"),
-        (["--scenes", "3", "--unit", "mm"], "neither for procedural objects"),
+        (["--scenes", "3", "--unit", "mm"], "not for procedural objects"),
     ],
 )
 def test_mistakes_are_told_in_one_line(flags, part, tmp_path, capsys):

@@ -16,7 +16,13 @@ from typing import Any, TypeVar
 
 import tyro
 
-from graspmap.errors import FileError, GraspmapError, InvalidInputError, storage_errors
+from graspmap.errors import (
+    FileError,
+    GraspmapError,
+    InvalidInputError,
+    UnknownNameError,
+    storage_errors,
+)
 
 Command = TypeVar("Command")
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -114,7 +120,27 @@ def _unboxed(box: str) -> str:
         if part and part[0].startswith("Perhaps you meant"):
             flag = next((line.split()[0].rstrip(",") for line in part if line.startswith("--")), "")
             text += f"; did you mean {flag}?" if flag else ""
-    return text.rstrip(".")
+    return _plainly(text.rstrip("."))
+
+
+_NUMBERS = {
+    r"invalid literal for int\(\) with base 10: ('.*?')": "a whole number",
+    r"could not convert string to float: ('.*?')": "a number",
+}
+
+
+def _plainly(text: str) -> str:
+    """Python's words for a value of the wrong type as those of the other errors."""
+    choice = re.fullmatch(r"invalid choice '(.*)' for argument '(\S+)'. Expected.*\((.*)\)", text)
+    if choice is not None:
+        names = sorted({*re.findall(r"'([^']*)'", choice[3])} - {"None"})
+        return str(UnknownNameError(choice[2], choice[1], names))
+    flag = re.match(r"Error parsing (\S+):", text)
+    for words, allowed in _NUMBERS.items():
+        value = re.search(words, text)
+        if flag is not None and value is not None:
+            return str(InvalidInputError(flag[1], value[1], allowed))
+    return text
 
 
 def numbers(text: str, names: str, flag: str) -> tuple[float, ...]:

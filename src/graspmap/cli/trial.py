@@ -198,14 +198,18 @@ def _perturbation(text: str) -> Perturbation:
 
     from graspmap.simulation.trial import Perturbation
 
-    short = len(text.split(",")) == 2
-    values = numbers(text + (",0,0" if short else ""), "MM,DEG,FRICTION,MASS", "--perturb")
-    return Perturbation(
-        position_m=values[0] / 1000,
-        angle_rad=math.radians(values[1]),
-        friction=values[2],
-        mass=values[3],
-    )
+    names = "MM,DEG" if len(text.split(",")) == 2 else "MM,DEG,FRICTION,MASS"
+    values = (*numbers(text, names, "--perturb"), 0.0, 0.0)
+    try:
+        return Perturbation(
+            position_m=values[0] / 1000,
+            angle_rad=math.radians(values[1]),
+            friction=values[2],
+            mass=values[3],
+        )
+    except InvalidInputError as error:
+        problem = f"{text!r}, so {error.name} is {error.found}"
+        raise InvalidInputError("--perturb", problem, f"{error.allowed} there") from error
 
 
 def _grasps(flags: Trial, plan: TrialPlan) -> tuple[Selection, GraspsToTry]:

@@ -43,9 +43,9 @@ class Import:
         150.0
     )
     """Opening in input pixels that the network's width map shows as 1."""
-    size: Annotated[
-        int | None, option("PX", "default: 300; 224 for GR-ConvNet, 320 for U-Net")
-    ] = None
+    size: Annotated[int | None, option("PX", "default: 300; 224 for GR-ConvNet, 320 for U-Net")] = (
+        None
+    )
     """Side of the square input that it was trained with."""
     channels: Annotated[
         Literal["depth", "rgb", "rgbd"] | None,

@@ -84,14 +84,19 @@ class GenerationPlan:
         if self.procedural:
             if self.ranges is None:
                 object.__setattr__(self, "ranges", ObjectRanges.for_gripper(self.gripper))
-            if self.unit is not None or self.fit:
-                raise InvalidInputError("unit or fit", "given", "neither for procedural objects")
+            for name in ("unit", "fit"):
+                if (value := getattr(self, name)) not in (None, False):
+                    raise InvalidInputError(
+                        name, repr(value), "for a folder of meshes only, not for procedural objects"
+                    )
             shapes = [name for family in FAMILIES.values() for name in family.shapes]
             if self.family is not None and self.family not in [*FAMILIES, *shapes]:
                 raise UnknownNameError("family of objects", self.family, [*FAMILIES, *shapes])
-        elif self.family is not None or self.ranges is not None:
-            raise InvalidInputError("family or ranges", "given", "neither for meshes")
-        elif self.unit is not None and self.unit not in get_args(Unit):
+            return
+        for name in ("family", "ranges"):
+            if (value := getattr(self, name)) is not None:
+                raise InvalidInputError(name, repr(value), "for procedural objects only, no meshes")
+        if self.unit is not None and self.unit not in get_args(Unit):
             raise UnknownNameError("unit", self.unit, get_args(Unit))
 
     def _check_jaws(self) -> None:
