@@ -156,11 +156,7 @@ class Ledger:
         elif (self.root / MANIFEST).exists():
             plan, entries = _read_manifest(self.root / MANIFEST)
         else:
-            strange = sorted(path.name for path in self.root.iterdir() if path.name != ".lock")
-            if strange:
-                raise FileError(
-                    self.root, f"holds something else than generated scenes ({strange[0]})", _ANEW
-                )
+            check_folder(self.root)
             return
         found = differences(plan, self.plan)
         if plan.get("scenes", 0) <= self.plan["scenes"]:
@@ -216,6 +212,19 @@ class Ledger:
             return all(file_hash(self.root / path) == v for path, v in entry.files.items())
         except FileError:
             return False
+
+
+def check_folder(root: Path) -> None:
+    """See that a folder is new, empty, or a data set that was made; nothing is written.
+
+    Raises:
+        FileError: It holds something else.
+    """
+    if not root.is_dir() or (root / UNFINISHED).exists() or (root / MANIFEST).exists():
+        return
+    strange = sorted(path.name for path in root.iterdir() if path.name != ".lock")
+    if strange:
+        raise FileError(root, f"holds something else than generated scenes ({strange[0]})", _ANEW)
 
 
 def staging_folder(root: Path, item: int) -> Path:

@@ -16,7 +16,7 @@ from graspmap.errors import FileError, GraspmapError, InvalidInputError
 from graspmap.files import locked
 from graspmap.generation.entries import ItemEntry, MeshEntry
 from graspmap.generation.item import Attempt, Rejected, make_item
-from graspmap.generation.ledger import SPLIT, Ledger
+from graspmap.generation.ledger import SPLIT, Ledger, check_folder
 from graspmap.generation.mesh_folder import MeshFile, find_meshes, prepare_mesh
 from graspmap.generation.plan import GenerationPlan
 from graspmap.generation.scene_file import versions
@@ -79,6 +79,7 @@ def generate(
         "meshes": {file.name: file.hash for file in files},
         "versions": versions(),
     }
+    check_folder(root)  # before the lock, which is a file in it
     with locked(root, "generation"):
         with progress("comparing finished scenes") as update:
             ledger = Ledger(root, values, plan.views_of, update)
