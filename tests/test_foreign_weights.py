@@ -187,6 +187,7 @@ def test_what_does_not_fit_is_said(tmp_path):
     assert "shrink1.norm.running_var is missing" in refusal(path)
     torch.save({k: v for k, v in state.items() if not k.startswith("res5")}, path)
     assert "does not fit grconvnet" in refusal(path)
+    assert "mtgcnn" not in refusal(path)
     torch.save(state | {"res3.conv1.weight": state["res3.conv1.weight"][:, :9]}, path)
     assert "residual.2.layer1.weight is (32, 9, 3, 3) instead of (32, 32, 3, 3)" in refusal(path)
     torch.save(state | {"bn1.num_batches_tracked": torch.tensor(3, dtype=torch.int16)}, path)

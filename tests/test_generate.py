@@ -283,6 +283,13 @@ def test_another_plan_or_a_second_run_is_refused(made, monkeypatch):
     assert snapshot(made) == before
 
 
+def test_a_folder_with_other_things_is_left_as_it_is(tmp_path):
+    (tmp_path / "photo.png").write_bytes(b"")
+    with pytest.raises(FileError, match=r"something else .*\(photo\.png\)"):
+        generate(PLAN, tmp_path, workers=0)
+    assert [path.name for path in tmp_path.iterdir()] == ["photo.png"]
+
+
 # Rejects.
 
 
@@ -327,6 +334,7 @@ def test_a_plan_without_any_scene_is_told(tmp_path, monkeypatch):
         ({"size_px": 20}, "size_px"),
         ({"size_px": 48}, r"jaw size of gripper jacquard is 0\.01 m, 0\.\d+ px"),
         ({"candidates": 0}, "candidates"),
+        ({"gripper": "franka"}, "gripper is 'franka'; allowed: a Gripper"),
         ({"unit": "mm"}, "not for procedural objects"),
         ({"family": "mugg"}, "did you mean 'mug"),
         (

@@ -397,6 +397,7 @@ def test_the_list_of_tables(capsys):
         (["table-5.1", "--data", "jacquard:/nowhere"], "/nowhere"),
         (["table-4.4", "--devices", "7"], "--devices is '7'; allowed: auto, cpu"),
         (["table-4.4", "--workers", "0"], "--workers is 0; allowed: 1 or more"),
+        (["table-5.1", "--data", "x:y", "--seed", "-1"], "--seed is -1; allowed: 0 or more"),
         (["table-5.1", "--data", "x:y"], "kind of data set is 'x'"),
         (["table-5.1", "--data", "x:y", "--network.bin", "3"], "did you mean network.bins?"),
     ],

@@ -354,6 +354,8 @@ class TestSettings:
     def test_refuses_what_makes_no_trial(self):
         with pytest.raises(InvalidInputError, match="objects of the tabletop"):
             TrialRunner(Tabletop((), BOX.height_map), GRIPPER)
+        with pytest.raises(InvalidInputError, match="gripper is 'franka'; allowed: a Gripper"):
+            run_trials(BOX, grasps(ACROSS), "franka")
         with pytest.raises(InvalidInputError, match="repeats"):
             run_trials(BOX, grasps(ACROSS), GRIPPER, repeats=3)
         with pytest.raises(InvalidInputError, match="friction"):

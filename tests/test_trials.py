@@ -403,6 +403,7 @@ def test_a_scene_that_breaks_graspmap_is_left_out(generated, monkeypatch, caplog
 @pytest.mark.parametrize(
     "wrong",
     [
+        {"gripper": "franka"},
         {"top": 0},
         {"repeats": 0},
         {"repeats": 2},

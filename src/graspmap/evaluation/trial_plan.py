@@ -8,7 +8,7 @@ from typing import Literal
 from graspmap.errors import InvalidInputError
 from graspmap.evaluation.tabletops import SceneWorld
 from graspmap.geometry.camera import Camera
-from graspmap.gripper import Gripper, load_gripper
+from graspmap.gripper import Gripper, check_gripper, load_gripper
 from graspmap.simulation.trial import Perturbation, Shake, TrialSettings
 
 Jaw = Literal["nearest", "given"]
@@ -35,7 +35,7 @@ class TrialPlan:
         seed: Of the perturbation and of the interval.
 
     Raises:
-        InvalidInputError: A number is out of range.
+        InvalidInputError: A number is out of range, or the gripper is none.
     """
 
     gripper: Gripper | None = None
@@ -51,6 +51,8 @@ class TrialPlan:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        if self.gripper is not None:
+            check_gripper(self.gripper)
         if self.top is not None and self.top < 1:
             raise InvalidInputError("top", self.top, "1 or more grasps")
         if self.repeats < 1 or (self.repeats > 1 and self.perturbation is None):

@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 from pydantic import TypeAdapter
 
 from graspmap.errors import InvalidInputError, UnknownNameError
-from graspmap.gripper import Gripper
+from graspmap.gripper import Gripper, check_gripper
 from graspmap.simulation.meshes import Unit
 from graspmap.simulation.procedural import FAMILIES, ObjectRanges
 from graspmap.simulation.render import Randomisation
@@ -77,6 +77,7 @@ class GenerationPlan:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
                 raise InvalidInputError(name, repr(value), f"a whole number from {low} to {high}")
+        check_gripper(self.gripper)
         self._check_objects()
         self._check_jaws()
 

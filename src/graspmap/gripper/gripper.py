@@ -146,6 +146,16 @@ class Gripper:
         return cls(**values)
 
 
+def check_gripper(value: Any) -> None:
+    """See that a value is a gripper, and not the name of one.
+
+    Raises:
+        InvalidInputError: It is something else.
+    """
+    if not isinstance(value, Gripper):
+        raise InvalidInputError("gripper", repr(value), "a Gripper: load_gripper gives it by name")
+
+
 KEYS = tuple(field.name for field in fields(Gripper))
 """The keys of a profile."""
 

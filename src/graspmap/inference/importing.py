@@ -152,7 +152,8 @@ def _fitted(path: Path, network_name: str, tensors: dict[str, Tensor]) -> GraspN
         raise WeightsError(
             path, f"{text}; it holds a {other}", f"import it with: graspmap weights import {other}"
         )
-    raise WeightsError(path, text, f"give weights of one of: {', '.join(NETWORKS)}")
+    known = [name for name, network in NETWORKS.items() if not network.needs_task]
+    raise WeightsError(path, text, f"give weights of one of: {', '.join(known)}")
 
 
 def _match(name: str, tensors: dict[str, Tensor]) -> tuple[GraspNetwork | None, list[str]]:

@@ -75,6 +75,8 @@ def check_request(request: Request, table: Table) -> None:
             request.test_data or "missing",
             allowed if table.test_data else f"nothing: {name} tests on a part of --data",
         )
+    if request.seed < 0:
+        raise InvalidInputError("--seed", request.seed, "0 or more")
     if not 0 < request.scale <= 1:
         raise InvalidInputError("--scale", request.scale, "a share above 0, up to 1")
     _check_changes(request, table)

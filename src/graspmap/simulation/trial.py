@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from graspmap.errors import InvalidInputError
 from graspmap.geometry.table_grasps import TableGrasps
-from graspmap.gripper import Gripper
+from graspmap.gripper import Gripper, check_gripper
 from graspmap.simulation._attempt import Attempt, Record, Start
 from graspmap.simulation._held import Ending
 from graspmap.simulation._mujoco_model import World, compile_world
@@ -127,6 +127,7 @@ class TrialRunner:
     ) -> None:
         if not tabletop.objects:
             raise InvalidInputError("objects of the tabletop", "none", "one or more")
+        check_gripper(gripper)
         self.tabletop, self.gripper = tabletop, gripper
         self.settings = settings or TrialSettings()
         models = [placed.model for placed in tabletop.objects]
