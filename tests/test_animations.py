@@ -146,7 +146,7 @@ def test_fingers_that_touch_turn_red(tried):
 @pytest.mark.parametrize(
     ("outcome", "phases"),
     [
-        ("held", ["descend", "close", "lift", "hold"]),
+        ("held", ["descend", "close", "lift"]),
         ("collided", ["descend"]),
         ("empty", ["descend", "close"]),
     ],

@@ -131,6 +131,7 @@ def test_scenes_without_a_record_are_rebuilt_from_their_depth(copy):
     grasps = {s.id: s.grasps for s in scenes}
     for path in copy.glob("*/*_scene.json"):
         path.unlink()
+    scenes = scenes_of(copy)
     assert scene_gripper(scenes, 0) is None
     world = scene_world(scenes, 0)
     assert world.gripper is None
