@@ -33,6 +33,12 @@ def one_thread():
     torch.set_num_threads(before)
 
 
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory) -> Path:
+    """Folder for what is made once and used by all tests of a module: packed pictures, pieces."""
+    return tmp_path_factory.mktemp("cache")
+
+
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
     """Folder with real data of others; tests that need it are skipped without it."""

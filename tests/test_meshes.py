@@ -39,11 +39,6 @@ BOX = trimesh.creation.box((0.06, 0.04, 0.05))
 BALL = trimesh.creation.icosphere(3, 0.04)
 
 
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    return tmp_path_factory.mktemp("cache")
-
-
 @pytest.fixture
 def load(tmp_path, cache):
     """Write a mesh and load it."""

@@ -64,11 +64,6 @@ def bars(tmp_path_factory):
     return write_bars(tmp_path_factory.mktemp("bars"))
 
 
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    return tmp_path_factory.mktemp("cache")
-
-
 @pytest.fixture
 def flags(bars, cache):
     """Flags that make any run a matter of a second."""

@@ -35,6 +35,9 @@ from graspmap.training import Experiment, callbacks, read_experiment, run, train
 from graspmap.training.data import Draw, DrawSampler, Samples, greatest_opening, make_sample
 from graspmap.training.state import RunState
 
+# The bits of a sum depend on how many threads share it.
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 SIDE = 32
 
 
@@ -71,20 +74,6 @@ def bars(tmp_path_factory):
         for view in range(3):
             write_jacquard(bar_scene(object_id, view), root)
     return root
-
-
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    return tmp_path_factory.mktemp("cache")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def one_thread():
-    # The bits of a sum depend on how many threads share it.
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 @pytest.fixture(scope="module")

@@ -30,6 +30,9 @@ from graspmap.training.state import RunState
 from graspmap.training.targets import batch_targets, task_targets
 from graspmap.training.tasks import make_experiment_network, make_loss
 
+# The bits of a sum depend on how many threads share it.
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 SIDE = 32
 ALL_TASKS = {
     "category": {"labels": "specific"},
@@ -75,20 +78,6 @@ def write_things(root: Path, objects: int, views: int = 3, *, labels: bool = Tru
 @pytest.fixture(scope="module")
 def things(tmp_path_factory):
     return write_things(tmp_path_factory.mktemp("things"), 6)
-
-
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    return tmp_path_factory.mktemp("cache")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def one_thread():
-    # The bits of a sum depend on how many threads share it.
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 @pytest.fixture(scope="module")

@@ -113,10 +113,8 @@ class Held:
             return False
         if self._speed() > _REST_M_S or self._turning() > _REST_RAD_S:
             return False
-        attempt = self._attempt
-        attempt.recent.append(attempt.forces())
-        pressed = attempt.recent[-1][:, self._index]
-        return bool(pressed[0] > 0 and pressed[1] > 0 and not attempt.on_table(self._index))
+        pressed = self._attempt.forces()[:, self._index] > 0
+        return bool(pressed.all()) and not self._attempt.on_table(self._index)
 
     def _calm(self) -> bool:
         """Whether the object neither slides nor turns in the hand, nor the fingers move."""
