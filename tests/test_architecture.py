@@ -12,6 +12,7 @@ import graspmap
 ROOT = Path(graspmap.__file__).parent
 FLOOR = {
     "errors": 0,
+    "lazy": 0,
     "files": 1,
     "config": 2,
     "geometry": 2,

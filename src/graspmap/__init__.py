@@ -6,8 +6,9 @@ stays light (NumPy and nothing heavy).
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from graspmap.lazy import lazy_names
 
 __version__ = "0.1.0.dev0"
 
@@ -57,14 +58,4 @@ _HOME = {
     "read_scenes": "data",
 }
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'graspmap' has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"graspmap.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__, __dir__ = lazy_names(__name__, _HOME)

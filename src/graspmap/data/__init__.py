@@ -5,8 +5,9 @@ Each name is loaded at its first use, so that importing one of them does not loa
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from graspmap.lazy import lazy_names
 
 if TYPE_CHECKING:
     from graspmap.data.appendix import cornell_labels
@@ -101,14 +102,4 @@ _HOME = {
     "write_predictions": "jacquard_predictions",
 }
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'graspmap.data' has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"graspmap.data.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__, __dir__ = lazy_names(__name__, _HOME)

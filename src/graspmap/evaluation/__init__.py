@@ -5,8 +5,9 @@ Each name is loaded at its first use: measuring rectangles needs no simulator.
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from graspmap.lazy import lazy_names
 
 if TYPE_CHECKING:
     from graspmap.evaluation.animations import animate_trials
@@ -73,10 +74,4 @@ _HOME = {
     "write_trials": "trial_results",
 }
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'graspmap.evaluation' has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"graspmap.evaluation.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
+__getattr__, __dir__ = lazy_names(__name__, _HOME)

@@ -5,8 +5,9 @@ Names load at first use: whoever reads the record of a scene needs no worker poo
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from graspmap.lazy import lazy_names
 
 if TYPE_CHECKING:
     from graspmap.generation.candidates import propose_grasps
@@ -37,8 +38,4 @@ _HOME = {
     "read_record": "scene_file",
 }
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'graspmap.generation' has no attribute {name!r}")
-    return getattr(importlib.import_module(f"graspmap.generation.{_HOME[name]}"), name)
+__getattr__, __dir__ = lazy_names(__name__, _HOME)

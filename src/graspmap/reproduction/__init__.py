@@ -5,8 +5,9 @@ Each name is loaded at its first use: listing the tables needs no PyTorch.
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from graspmap.lazy import lazy_names
 
 if TYPE_CHECKING:
     from graspmap.reproduction.crew import Crew, Outcome, choose_crew, conduct
@@ -61,10 +62,4 @@ _HOME = {
     "write_table": "write",
 }
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'graspmap.reproduction' has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"graspmap.reproduction.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
+__getattr__, __dir__ = lazy_names(__name__, _HOME)
