@@ -189,16 +189,12 @@ def _detector(folder: Path, device: str) -> Detector:
 
 
 def _test_scenes(experiment: Experiment, folder: Path) -> Scenes:
-    from graspmap.data import limit_objects, read_scenes, read_split
-    from graspmap.training.setup import split_seed
+    from graspmap.data import read_scenes, read_split
+    from graspmap.training.setup import other_scenes
 
     values = experiment.data
     if values.test is not None:
-        scenes = read_scenes(values.test.source, depth=values.test.depth)
-        count, seed = values.test.limit_objects, split_seed(experiment)
-        if count is None:
-            return scenes
-        return scenes.subset(limit_objects(scenes, scenes.ids, count, seed=seed))
+        return other_scenes(experiment, values.test)
     scenes = read_scenes(values.source, depth=values.depth)
     return read_split(folder / "train" / "split.json", scenes).subset(scenes, "test")
 

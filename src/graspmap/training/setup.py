@@ -211,7 +211,7 @@ def prepare(experiment: Experiment, folder: Folder, device: str, progress: Progr
     values = experiment.data
     scenes = read_scenes(values.source, depth=values.depth)
     split = _split(experiment, scenes, folder)
-    others = None if values.test is None else _other_scenes(experiment, values.test)
+    others = None if values.test is None else other_scenes(experiment, values.test)
     # What all scenes lack is said now, and not after an hour of packing.
     _check_first(experiment, scenes.subset(split.parts.get("train", ())), values.source)
     if others is not None and values.test is not None:
@@ -241,8 +241,13 @@ def prepare(experiment: Experiment, folder: Folder, device: str, progress: Progr
     return Setup(store, parts, test, classes, split.hash, scale, device)
 
 
-def _other_scenes(experiment: Experiment, values: TestSection) -> Scenes:
-    """The scenes of another data set to test on."""
+def other_scenes(experiment: Experiment, values: TestSection) -> Scenes:
+    """The scenes of ``data.test``, as many objects' as it says.
+
+    Raises:
+        ConfigError: There are fewer.
+        FileError: The data are missing or damaged.
+    """
     scenes = read_scenes(values.source, depth=values.depth)
     if values.limit_objects is None:
         return scenes
