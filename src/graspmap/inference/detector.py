@@ -59,6 +59,23 @@ class Detection:
     width_m: NDArray[np.float64] | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A picture as a network takes it.
+
+    Attributes:
+        inputs: (C, S, S) float32 input of the network.
+        matrix: (3, 3) map from pixels of the picture to pixels of the input.
+        allowed: (S, S) where grasps may be centred.
+        depth_m: (H, W) depth of the picture, metres, NaN where there is none; None without.
+    """
+
+    inputs: NDArray[np.float32]
+    matrix: NDArray[np.float64]
+    allowed: NDArray[np.bool_]
+    depth_m: NDArray[np.floating[Any]] | None
+
+
 class Detector:
     """A network with its card, ready to detect grasps in pictures of any size.
 
@@ -102,6 +119,11 @@ class Detector:
         network, card = load_weights(Path(weights))
         return cls(network, card, device=device)
 
+    @property
+    def network(self) -> GraspNetwork:
+        """The network, in evaluation mode on the detector's device."""
+        return self._network
+
     def predict(self, inputs: NDArray[np.float32]) -> GraspMaps[NDArray[np.float32]]:
         """Maps of prepared inputs, as the network gives them.
 
@@ -129,7 +151,7 @@ class Detector:
         threshold: float | None = None,
         min_distance: float | None = None,
     ) -> Detection:
-        """The best grasps of one picture.
+        """The best grasps of one picture: `prepare`, `predict`, `decode`.
 
         Args:
             rgb: (H, W, 3) uint8, red first; needed by networks that look at colour.
@@ -151,11 +173,40 @@ class Detector:
             InvalidInputError: A picture is missing or has the wrong shape or unit, the region or
                 the mask leaves nothing, ``top`` is below 1.
         """
-        if top < 1:
-            raise InvalidInputError("top", top, "1 or more")
-        if gripper is not None and (camera is None or depth is None):
-            missing = "camera" if camera is None else "depth"
-            raise InvalidInputError(missing, "missing", "both with a gripper: it works in metres")
+        _check_request(top, depth, camera, gripper)
+        prepared = self.prepare(rgb, depth, camera=camera, region=region, mask=mask)
+        return self.decode(
+            prepared,
+            self.predict(prepared.inputs[None]).item(0),
+            camera=camera,
+            gripper=gripper,
+            top=top,
+            method=method,
+            threshold=threshold,
+            min_distance=min_distance,
+        )
+
+    def prepare(
+        self,
+        rgb: NDArray[np.uint8] | None = None,
+        depth: NDArray[np.floating[Any]] | None = None,
+        *,
+        camera: Camera | None = None,
+        region: Sequence[float] | None = None,
+        mask: NDArray[np.bool_] | None = None,
+    ) -> Prepared:
+        """The first step of `detect`: from a picture to the network's input.
+
+        Args:
+            rgb: As in `detect`, like all of them.
+            depth: Metres.
+            camera: Its size is compared with that of the pictures.
+            region: Where the network looks.
+            mask: Where grasps are centred.
+
+        Raises:
+            InvalidInputError: As in `detect`.
+        """
         shape = self._check(rgb, depth, mask, camera)
         if depth is not None:
             depth = check_depth_m(depth, "the picture")
@@ -165,13 +216,43 @@ class Detector:
         else:
             matrix = input_window(shape, size, view=self.card.view)
         inputs = to_input(rgb, depth, self.card.channels, matrix, size)
-        maps = self.predict(inputs[None]).item(0)
+        return Prepared(inputs, matrix, _allowed(shape, region, mask, matrix, size), depth)
+
+    def decode(
+        self,
+        prepared: Prepared,
+        maps: GraspMaps[NDArray[np.float32]],
+        *,
+        camera: Camera | None = None,
+        gripper: Gripper | None = None,
+        top: int = 1,
+        method: Literal["refined", "ggcnn", "orange"] = "refined",
+        threshold: float | None = None,
+        min_distance: float | None = None,
+    ) -> Detection:
+        """The last step of `detect`: from maps to grasps in the picture.
+
+        Args:
+            prepared: What `prepare` made of the picture.
+            maps: (bins, S, S) what `predict` says of it.
+            camera: As in `detect`, like all that follow.
+            gripper: What grasps have to fit.
+            top: How many.
+            method: Decoding.
+            threshold: Least quality.
+            min_distance: Least distance of two centres.
+
+        Raises:
+            InvalidInputError: As in `detect`.
+        """
+        depth, matrix = prepared.depth_m, prepared.matrix
+        _check_request(top, depth, camera, gripper)
         found = find_grasps(
             maps,
             top if gripper is None else top * _SPARE,
             width_scale=self.card.width_scale_px,
             method=method,
-            mask=_allowed(shape, region, mask, matrix, size),
+            mask=prepared.allowed,
             threshold=threshold,
             min_distance=min_distance,
         )
@@ -219,6 +300,19 @@ class Detector:
         if len(set(sizes.values())) != 1:
             raise InvalidInputError("sizes (rows, columns)", sizes, "equal ones")
         return next(iter(sizes.values()))
+
+
+def _check_request(
+    top: int,
+    depth: NDArray[np.floating[Any]] | None,
+    camera: Camera | None,
+    gripper: Gripper | None,
+) -> None:
+    if top < 1:
+        raise InvalidInputError("top", top, "1 or more")
+    if gripper is not None and (camera is None or depth is None):
+        missing = "camera" if camera is None else "depth"
+        raise InvalidInputError(missing, "missing", "both with a gripper: it works in metres")
 
 
 def locate(

@@ -11,9 +11,9 @@ import numpy as np
 import torch
 
 from graspmap.inference import Detector, WeightsCard
+from graspmap.inference.threads import threads_of
 from graspmap.networks import parameter_count
 from graspmap.reproduction.plan import Plan, Run
-from graspmap.reproduction.work import threads_of
 from graspmap.training import Experiment
 from graspmap.training.tasks import make_experiment_network
 

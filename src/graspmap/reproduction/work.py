@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 from graspmap.errors import FolderInUseError, GraspmapError, InvalidInputError
 from graspmap.files import locked, read_text, write_text
+from graspmap.inference.threads import threads_of
 from graspmap.reproduction.plan import Run
 from graspmap.training import Experiment
 
@@ -197,19 +198,6 @@ def _test_scenes(experiment: Experiment, folder: Path) -> Scenes:
         return other_scenes(experiment, values.test)
     scenes = read_scenes(values.source, depth=values.depth)
     return read_split(folder / "train" / "split.json", scenes).subset(scenes, "test")
-
-
-@contextmanager
-def threads_of(count: int) -> Iterator[None]:
-    """So many threads of PyTorch: the bits of a sum depend on it."""
-    import torch
-
-    before = torch.get_num_threads()
-    torch.set_num_threads(count)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 @cache
