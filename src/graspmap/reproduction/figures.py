@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from graspmap.files import write_bytes, write_text
-from graspmap.pictures import encode
-from graspmap.pictures.chart import Panel, Series, line_chart
+from graspmap.pictures.plots import Panel, Plot, Series, line_chart
 from graspmap.reproduction.results import Filled
 
 Curve = tuple[list[float], list[float], list[float], list[int]]
@@ -40,7 +39,7 @@ def draw_figure(filled: Filled, folder: Path) -> list[Path]:
         return [points]
     draw = _learning if kind == "curves" else _thresholds
     picture = folder / f"{name}.png"
-    write_bytes(picture, encode(draw(filled, curves)))
+    write_bytes(picture, draw(filled, curves).png())
     return [picture, points]
 
 
@@ -80,7 +79,7 @@ def _points(filled: Filled, curves: Mapping[int, Curve], x_name: str) -> str:
     return text.getvalue()
 
 
-def _learning(filled: Filled, curves: Mapping[int, Curve]) -> Any:
+def _learning(filled: Filled, curves: Mapping[int, Curve]) -> Plot:
     """One panel for each part of the figure, one line for each row."""
     lines = filled.plan.lines
     names = dict.fromkeys(lines[row].panel for row in curves)
@@ -88,7 +87,7 @@ def _learning(filled: Filled, curves: Mapping[int, Curve]) -> Any:
         Panel(
             name,
             tuple(
-                Series(lines[row].title, *curve[:3])
+                _series(lines[row].title, curve)
                 for row, curve in curves.items()
                 if lines[row].panel == name
             ),
@@ -106,13 +105,12 @@ def _learning(filled: Filled, curves: Mapping[int, Curve]) -> Any:
     )
 
 
-def _thresholds(filled: Filled, curves: Mapping[int, Curve]) -> Any:
+def _thresholds(filled: Filled, curves: Mapping[int, Curve]) -> Plot:
     """One panel for each row: its line over those of all others."""
     panels = []
     for row, curve in curves.items():
         others = (Series("", *other[:2], pale=True) for n, other in curves.items() if n != row)
-        line = Series("", *curve[:3])
-        panels.append(Panel(filled.plan.lines[row].title, (line, *others)))
+        panels.append(Panel(filled.plan.lines[row].title, (_series("", curve), *others)))
     return line_chart(
         panels,
         columns=3,
@@ -121,6 +119,14 @@ def _thresholds(filled: Filled, curves: Mapping[int, Curve]) -> Any:
         x_range=(0.0, 1.0),
         y_range=(0.0, 100.0),
     )
+
+
+def _series(name: str, curve: Curve) -> Series:
+    """The mean as a line, the spread as a band around it."""
+    x, mean, spread, _ = curve
+    low = [m - s for m, s in zip(mean, spread, strict=True)]
+    high = [m + s for m, s in zip(mean, spread, strict=True)]
+    return Series(name, x, mean, low, high)
 
 
 def _range(curves: Sequence[Curve] | Any) -> tuple[float, float]:
