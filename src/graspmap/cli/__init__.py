@@ -34,6 +34,7 @@ COMMANDS = {
     "detect": "find grasps in one picture",
     "evaluate": "measure weights or predictions against labelled grasps",
     "trial": "try grasps in simulated physics: which of them hold?",
+    "bench": "time detection: preparation, forward pass and decoding",
     "reproduce": "make the tables and figures of the thesis again, its numbers beside yours",
     "doctor": "look through a data set, meshes or weights, and say what is there",
     "weights": "bring other people's weights into graspmap's own format",

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import statistics
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 
+from graspmap.data.scene import Scene
+from graspmap.evaluation.latency import TOTAL, measure_latency
 from graspmap.inference import Detector, WeightsCard
 from graspmap.inference.threads import threads_of
 from graspmap.networks import parameter_count
@@ -17,8 +18,8 @@ from graspmap.reproduction.plan import Plan, Run
 from graspmap.training import Experiment
 from graspmap.training.tasks import make_experiment_network
 
-_WARM, _REPEATS, _SECONDS = 2, 30, 4.0
-"""Passes before the clock, and how many with it, or for how long at most."""
+_REPEATS, _SECONDS = 30, 8.0
+"""Detections that are timed, or for how long at most."""
 _STEP_PX, _STEP_PICTURES = 128, 2
 """A training step is timed on so small a batch, and scaled by its pixels."""
 
@@ -64,27 +65,19 @@ def time_detection(experiment: Experiment, device: str = "cpu") -> dict[str, flo
     )
     detector = Detector(network, card, device=device)
     rng = np.random.default_rng(0)
-    rgb = rng.integers(0, 256, (size, size, 3)).astype(np.uint8)
-    depth = rng.uniform(0.5, 0.6, (size, size)).astype(np.float32)
-    inputs = rng.normal(size=(1, network.channels, size, size)).astype(np.float32)
+    picture = Scene(
+        "noise",
+        rgb=rng.integers(0, 256, (size, size, 3)).astype(np.uint8),
+        depth=rng.uniform(0.5, 0.6, (size, size)).astype(np.float32),
+    )
+    latency = measure_latency(
+        detector, picture, threads=torch.get_num_threads(), repeats=_REPEATS, seconds=_SECONDS
+    )
     return {
         "parameters": float(parameter_count(network)),
-        "network_ms": 1000 * _median(lambda: detector.predict(inputs)),
-        "grasp_ms": 1000 * _median(lambda: detector.detect(rgb, depth)),
+        "network_ms": latency.percentile_ms("forward", 50),
+        "grasp_ms": latency.percentile_ms(TOTAL, 50),
     }
-
-
-def _median(work: Callable[[], object]) -> float:
-    """Median time of some work, seconds."""
-    for _ in range(_WARM):
-        work()
-    times: list[float] = []
-    end = time.perf_counter() + _SECONDS
-    while len(times) < _REPEATS and (len(times) < 3 or time.perf_counter() < end):
-        start = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - start)
-    return statistics.median(times)
 
 
 @dataclass(frozen=True)
