@@ -162,9 +162,24 @@ def _try_scene(scenes: Scenes, plan: TrialPlan, grasps_of: list[Grasps], index: 
     name, object_id, grasps = scenes.ids[index], scenes.object_id(index), grasps_of[index]
     # Before anything else: whether a scene counts must not depend on what was predicted for it.
     world = scene_world(scenes, index, camera=plan.camera)
+    return try_in_world(world, plan, grasps, name, object_id)
+
+
+def try_in_world(
+    world: SceneWorld, plan: TrialPlan, grasps: Grasps, scene: str, object_id: str | None
+) -> SceneTrials:
+    """Try grasps of one picture.
+
+    Args:
+        world: What the picture shows, and the depth that places the grasps.
+        plan: How; all of the grasps are tried, whatever ``top`` it says.
+        grasps: Best first, in pixels of the picture; none: a failure.
+        scene: Name of the scene.
+        object_id: Its object, if known.
+    """
     gripper = plan.gripper_for(world)
     if not len(grasps):
-        return SceneTrials((TriedGrasp(name, object_id, 0, grasps, None),), gripper.name)
+        return SceneTrials((TriedGrasp(scene, object_id, 0, grasps, None),), gripper.name)
     seen = _seen(grasps, world)
     table = TableGrasps.from_pixels(grasps[seen], *_camera(world))
     table = table.replace(height_m=_jaws(table.height_m, plan.jaw, gripper))
@@ -193,7 +208,7 @@ def _try_scene(scenes: Scenes, plan: TrialPlan, grasps_of: list[Grasps], index: 
     }
     return SceneTrials(
         tuple(
-            TriedGrasp(name, object_id, rank, grasps[rank], placed.get(rank))
+            TriedGrasp(scene, object_id, rank, grasps[rank], placed.get(rank))
             for rank in range(len(grasps))
         ),
         gripper.name,
