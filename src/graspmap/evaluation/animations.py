@@ -57,7 +57,7 @@ def animate_trials(
     for number, (tried, placed) in enumerate(chosen, start=1):
         name = re.sub(r"[^\w.-]", "_", tried.scene)
         path = Path(folder) / f"{tried.outcome}_{name}_{tried.rank}.webp"
-        write_bytes(path, _film(evaluation, scenes, tried, placed))
+        write_bytes(path, film_of(evaluation, scenes, tried, placed))
         files.append(path)
         if progress is not None:
             progress(number, len(chosen))
@@ -79,7 +79,17 @@ def choose(evaluation: TrialEvaluation, outcome: str, count: int) -> list[TriedG
     return list(order)[:count]
 
 
-def _film(evaluation: TrialEvaluation, scenes: Scenes, tried: TriedGrasp, placed: Placed) -> bytes:
+def film_of(
+    evaluation: TrialEvaluation, scenes: Scenes, tried: TriedGrasp, placed: Placed
+) -> bytes:
+    """A trial, made once more as it was, as an animated WebP.
+
+    Args:
+        evaluation: What it is part of.
+        scenes: The scenes that it was made on.
+        tried: The grasp and its outcome.
+        placed: Where it was tried.
+    """
     plan = evaluation.plan
     world = scene_world(scenes, scenes.index(tried.scene), camera=plan.camera)
     gripper = plan.gripper_for(world)

@@ -223,7 +223,7 @@ def bar_chart(
             low, high = np.clip(bar.interval or (bar.value, bar.value), *x_range)
             if bar.interval is not None:
                 ax.plot([low, high], [place, place], color=INK, linewidth=1.5)
-            end = max(bar.value, float(high))
+            end = max(bar.value, float(high), 0.0)
             ax.text(end + 0.02 * span, place, bar.text, va="center", fontsize=9)
         ax.axvline(0.0, color=INK, linewidth=0.8)
         ax.set_yticks(list(places), [bar.name for bar in bars])

@@ -1,1 +1,1 @@
-"""The report of an evaluation: one page that needs nothing but itself, and its gallery of scenes."""
+"""The report of an evaluation: one page that needs nothing else, and its gallery of scenes."""

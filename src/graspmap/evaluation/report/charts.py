@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
-
 from graspmap.evaluation.report.numbers import as_text
-from graspmap.pictures.heat_maps import confusion_chart, heat_map
+from graspmap.pictures.heat_maps import confusion_chart
 from graspmap.pictures.plots import (
     Bar,
     Panel,
@@ -58,13 +55,18 @@ def _quirks(data: Data) -> Plot | None:
     quirks = data.get("quirks")
     if not quirks:
         return None
-    ends = [abs(end) for quirk in quirks for end in quirk["interval"] if np.isfinite(end)]
-    reach = 1.35 * max([*ends, *(abs(quirk["change"]) for quirk in quirks), 0.01])
+    ends = [100 * abs(end) for quirk in quirks for end in quirk["interval"]]
+    reach = 1.35 * max([*ends, *(100 * abs(quirk["change"]) for quirk in quirks), 1.0])
     bars = [
-        Bar(q["name"], q["change"], tuple(q["interval"]), as_text("change", q["change"]))
-        for q in quirks
+        Bar(
+            quirk["name"],
+            100 * quirk["change"],
+            (100 * quirk["interval"][0], 100 * quirk["interval"][1]),
+            as_text("change", quirk["change"]),
+        )
+        for quirk in quirks
     ]
-    return bar_chart(bars, x_label="change of success at IoU 0.25", x_range=(-reach, reach))
+    return bar_chart(bars, x_label="change of success at IoU 0.25, points", x_range=(-reach, reach))
 
 
 def _outcomes(data: Data) -> Plot | None:

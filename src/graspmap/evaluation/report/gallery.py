@@ -2,13 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from graspmap.pictures.draw import Picture
+import numpy as np
+from numpy.typing import NDArray
+
+from graspmap.data.scene import Scene, Scenes
+from graspmap.errors import InvalidInputError
+from graspmap.evaluation.animations import film_of
+from graspmap.evaluation.evaluate import GraspDetector, Progress
+from graspmap.evaluation.results import Evaluation, SceneResult
+from graspmap.evaluation.trial_results import TrialEvaluation, TriedGrasp
+from graspmap.geometry.grasps import Grasps
+from graspmap.maps.grasp_maps import GraspMaps
+from graspmap.metrics.rectangle import count_right
+from graspmap.metrics.trial import HELD
+from graspmap.pictures.draw import Color, Picture, draw_grasps
+from graspmap.pictures.fields import MAP_KINDS, depth_picture, map_picture
 
 Why = Literal["best", "worst", "random"]
+
+_LABEL: Color = (0, 150, 90)
+_LABELS = 25
+"""Labels drawn on a picture; hundreds would hide it."""
+_SIDE_PX = 360
+_CAPTIONS = {
+    "quality": "quality: bright where a grasp is good",
+    "angle": "angle of the opening; dark: low quality",
+    "width": "width of the opening; bright: wide",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,3 +58,164 @@ class Exhibit:
     def to_dict(self) -> dict[str, Any]:
         """For JSON, without the pictures."""
         return {"scene": self.scene, "why": self.why, "words": self.words, **self.numbers}
+
+
+def make_gallery(
+    evaluation: Evaluation,
+    scenes: Scenes,
+    *,
+    detector: GraspDetector | None = None,
+    trials: TrialEvaluation | None = None,
+    trial_scenes: Scenes | None = None,
+    each: int = 4,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> tuple[Exhibit, ...]:
+    """Show some scenes of an evaluation.
+
+    The best are those whose grasp held and overlaps a label most, the worst those that failed in
+    the trial or overlap least, the surest first; of different objects where there are.
+
+    Args:
+        evaluation: What was measured.
+        scenes: The scenes that it was measured on, with the depth that the detector sees.
+        detector: The detector, for its maps; None for grasps out of a file.
+        trials: Trials on the same scenes, if there were any.
+        trial_scenes: The scenes with the depth that placed their grasps; None: ``scenes``.
+        each: How many of each kind: best, worst, random.
+        seed: Of the random ones.
+        progress: Called after each scene.
+
+    Raises:
+        InvalidInputError: ``each`` is below 1.
+        FileError: A file of a scene is missing or damaged.
+    """
+    tried = {} if trials is None else {t.scene: t for t in reversed(trials.tried) if t.rank == 0}
+    chosen = choose_scenes(evaluation.results, tried, each=each, seed=seed)
+    exhibits = []
+    for number, (result, why) in enumerate(chosen, start=1):
+        scene = scenes.read(scenes.index(result.id))
+        trial = tried.get(result.id)
+        film = None
+        if trials is not None and trial is not None and trial.placed is not None:
+            film = film_of(trials, trial_scenes or scenes, trial, trial.placed)
+        exhibits.append(
+            Exhibit(
+                scene=result.id,
+                why=why,
+                words=_words(evaluation, result, trial),
+                numbers=_numbers(result),
+                pictures=_pictures(evaluation, scene, result, detector),
+                film=film,
+            )
+        )
+        if progress is not None:
+            progress(number, len(chosen))
+    return tuple(exhibits)
+
+
+def choose_scenes(
+    results: Sequence[SceneResult],
+    tried: Mapping[str, TriedGrasp],
+    *,
+    each: int,
+    seed: int = 0,
+) -> list[tuple[SceneResult, Why]]:
+    """The scenes to show, none of them twice.
+
+    Args:
+        results: Of all scenes.
+        tried: The trial of a scene's best grasp, by scene, where there was one.
+        each: How many of each kind.
+        seed: Of the random ones.
+
+    Raises:
+        InvalidInputError: ``each`` is below 1.
+    """
+    if each < 1:
+        raise InvalidInputError("scenes of each kind", each, "1 or more")
+
+    def merit(result: SceneResult) -> tuple[bool, float]:
+        trial = tried.get(result.id)
+        return trial is None or trial.outcome == HELD, result.iou
+
+    def quality(result: SceneResult) -> float:
+        return float(result.grasp.quality[0]) if len(result.grasp) else 0.0
+
+    surest = sorted(results, key=quality, reverse=True)
+    best = _distinct(sorted(surest, key=merit, reverse=True), each)
+    taken = {result.id for result in best}
+    rest = [result for result in sorted(surest, key=merit) if result.id not in taken]
+    # Of a handful of scenes, those that are left are no failures only for being last.
+    worst = _distinct(rest, min(each, -(-len(rest) // 2)))
+    taken |= {result.id for result in worst}
+    others = [result for result in results if result.id not in taken]
+    drawn = np.random.default_rng(seed).permutation(len(others))[:each]
+    chosen: list[tuple[SceneResult, Why]] = [(result, "best") for result in best]
+    chosen += [(result, "worst") for result in worst]
+    return chosen + [(others[i], "random") for i in drawn]
+
+
+def _distinct(order: Iterable[SceneResult], count: int) -> list[SceneResult]:
+    """The first of each object, then others, in the order given."""
+    order = list(order)
+    firsts = {result.object_id or result.id: result for result in reversed(order)}
+    first = [result for result in order if firsts[result.object_id or result.id] is result]
+    return list({result.id: result for result in [*first, *order]}.values())[:count]
+
+
+def _words(evaluation: Evaluation, result: SceneResult, trial: TriedGrasp | None) -> str:
+    threshold = next(iter(evaluation.score.success))
+    (right,) = count_right(np.array([result.iou]), (threshold,), rule=evaluation.protocol.rule)[0]
+    if not len(result.grasp):
+        words = "No grasp was predicted."
+    elif right:
+        words = f"Right at IoU {threshold:.2f}."
+    else:
+        words = f"Wrong at IoU {threshold:.2f}."
+    if trial is None or not len(result.grasp):
+        return words
+    if trial.outcome == HELD:
+        return f"{words} It held in the trial."
+    return f"{words} The trial failed, {trial.outcome}: {trial.reason}."
+
+
+def _numbers(result: SceneResult) -> dict[str, float | None]:
+    quality = float(result.grasp.quality[0]) if len(result.grasp) else None
+    return {"overlap": result.iou, "quality": quality}
+
+
+def _pictures(
+    evaluation: Evaluation, scene: Scene, result: SceneResult, detector: GraspDetector | None
+) -> dict[str, Picture]:
+    """Labels and detection, depth, and the maps where the detector has some."""
+    depth = None if scene.depth is None else depth_picture(scene.depth)
+    view = scene.rgb if scene.rgb is not None else depth
+    assert view is not None  # Scene sees to it
+    pictures = {"labels and detection": _with_grasps(view, scene.grasps, result.grasp)}
+    if depth is not None:
+        pictures["depth: near bright"] = _with_grasps(depth, None, result.grasp)
+    if detector is None:
+        return pictures
+    method = evaluation.protocol.decoding
+    found = detector.detect(scene.rgb, scene.depth, top=1, method=method)
+    maps: GraspMaps[NDArray[Any]] | None = getattr(found, "maps", None)
+    matrix = getattr(found, "matrix", None)
+    if maps is None or matrix is None:  # a detector that is none of ours
+        return pictures
+    inside = result.grasp.transformed(matrix)
+    for kind in MAP_KINDS:
+        shown = inside if kind == "quality" else Grasps.empty()
+        pictures[_CAPTIONS[kind]] = _with_grasps(map_picture(maps, kind), None, shown)
+    return pictures
+
+
+def _with_grasps(view: Picture, labels: Grasps | None, grasp: Grasps) -> Picture:
+    """A picture of limited size with some labels and one grasp."""
+    scale = min(1.0, _SIDE_PX / max(view.shape[:2]))
+    if labels is not None and len(labels):
+        some = np.unique(np.linspace(0, len(labels) - 1, _LABELS).round().astype(int))
+        view = draw_grasps(view, labels[some], scale=scale, jaw=_LABEL, opening=_LABEL)
+        grasp = grasp.transformed(np.diag([scale, scale, 1.0]))
+        scale = 1.0
+    return draw_grasps(view, grasp, scale=scale)

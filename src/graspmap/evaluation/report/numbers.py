@@ -1,7 +1,7 @@
 """Numbers of a summary on a page: looked up, formatted and marked in one way.
 
-A number on a page is ``<span data-key="trials.success" data-value="0.583">58.3%</span>``: the key is
-its path in the JSON, as jq writes it (without the leading dot), the value is the JSON's.
+A number on a page is ``<span data-key="trials.success" data-value="0.583">58.3%</span>``: the key
+is its path in the JSON, as jq writes it (without the leading dot), the value is the JSON's.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from markupsafe import Markup
 
 from graspmap.errors import UnknownNameError
 
-NOTHING = "–"
+NOTHING = "\N{EN DASH}"
 """What stands where the summary has null."""
 
 _FORMATS: dict[str, Callable[[float], str]] = {
