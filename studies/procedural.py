@@ -45,7 +45,7 @@ def run(
     """
     hand = load_gripper(gripper)
     ranges = ObjectRanges.for_gripper(hand)
-    make_object(seed, 0, ranges=ranges, family="blob")  # loads what loads at the first use
+    make_object(seed, 0, ranges=ranges, families=("blob",))  # loads what loads at the first use
     rows = {name: _measure(name, each, seed, ranges, hand.max_opening_m) for name in FAMILIES}
     total = sum(f.weight for f in FAMILIES.values())
     mean = sum(rows[n]["cpu_s"] * f.weight / total for n, f in FAMILIES.items())
@@ -69,7 +69,7 @@ def _measure(
     family: str, count: int, seed: int, ranges: ObjectRanges, opening_m: float
 ) -> dict[str, float]:
     start = time.process_time()
-    models = [make_object(seed, i, ranges=ranges, family=family) for i in range(count)]
+    models = [make_object(seed, i, ranges=ranges, families=(family,)) for i in range(count)]
     seconds = time.process_time() - start
     return {
         "cpu_s": seconds / count,

@@ -56,6 +56,6 @@ def generated(tmp_path_factory) -> Path:
 
     root = tmp_path_factory.mktemp("generated")
     gripper = load_gripper("jacquard")
-    plan = GenerationPlan(3, gripper, views=1, size_px=128, candidates=40, family="box")
+    plan = GenerationPlan(3, gripper, views=1, size_px=128, candidates=40, families=("box",))
     generate(plan, root, workers=0)
     return root

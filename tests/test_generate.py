@@ -42,7 +42,7 @@ from graspmap.simulation.trial import run_trials
 
 GRIPPER = load_gripper("jacquard")
 PLAN = GenerationPlan(
-    scenes=5, gripper=GRIPPER, views=2, seed=3, size_px=128, candidates=20, family="primitive"
+    scenes=5, gripper=GRIPPER, views=2, seed=3, size_px=128, candidates=20, families=("primitive",)
 )
 NEAR = Randomisation(camera=CameraSection(distance_m=(0.5, 0.5)))
 FLAGS = [
@@ -336,7 +336,7 @@ def test_a_plan_without_any_scene_is_told(tmp_path, monkeypatch):
         ({"candidates": 0}, "candidates"),
         ({"gripper": "franka"}, "gripper is 'franka'; allowed: a Gripper"),
         ({"unit": "mm"}, "not for procedural objects"),
-        ({"family": "mugg"}, "did you mean 'mug"),
+        ({"families": ("mugg",)}, "did you mean 'mug"),
         (
             {"randomisation": NEAR, "gripper": replace(GRIPPER, jaw_sizes_m=(0.02, 0.3))},
             r"jaw size of gripper jacquard is 0\.3 m, 143 px of a picture that shows 0\.27 m",
@@ -387,7 +387,7 @@ def test_the_speed_counts_what_this_run_has_made(monkeypatch, capsys):
         (["--scenes", "3", "--randomisation", "none.yaml"], "no such randomisation file"),
         (["--scenes", "3", "--randomisation", "plane"], "did you mean 'plain'?"),
         (["--scenes", "3", "--objects", __file__], "is a file and no folder"),
-        (["--scenes", "3", "--objects", "x", "--family", "mug"], "family is 'mug'"),
+        (["--scenes", "3", "--objects", "x", "--family", "mug"], "families is (.mug.,)"),
         (["--scenes", "three"], "--scenes is 'three'; allowed: a whole number"),
         (["--scenes", "3", "--unit", "cmm"], "--unit is 'cmm'; allowed: cm, inch, m, mm; did"),
         (["--scenes", "-3"], "scenes is -3"),

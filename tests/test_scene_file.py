@@ -28,12 +28,12 @@ from graspmap.simulation.settings import TrialSettings
 from graspmap.simulation.shake import Shake
 from graspmap.simulation.tabletop import PlacedObject, Tabletop
 
-BLOCK = make_object(4, 7, family="primitive")
+BLOCK = make_object(4, 7, families=("primitive",))
 POSE = RigidTransform.from_quaternion([0.1, 0.7, -0.3, 0.64], [0.1, -1 / 3, 0.05])
 
 
 def record(**changes) -> SceneRecord:
-    source = ProceduralSource(seed=4, index=7, family="primitive", ranges=ObjectRanges())
+    source = ProceduralSource(seed=4, index=7, families=("primitive",), ranges=ObjectRanges())
     placed = PlacedObject(BLOCK, POSE)
     values = {
         "id": f"3_{BLOCK.id}",

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -21,7 +21,7 @@ from graspmap.cli.frame import (
     write_picture,
 )
 from graspmap.cli.progress import Update, progress
-from graspmap.errors import InvalidInputError
+from graspmap.errors import InvalidInputError, UnknownNameError
 
 if TYPE_CHECKING:
     from graspmap.data import Scene
@@ -42,6 +42,7 @@ class Generate:
       graspmap generate --scenes 500 --out data/first
       graspmap generate --scenes 200 --gripper franka --clutter 5 --out data/piles
       graspmap generate --scenes 100 --objects ~/meshes --unit mm --fit --out data/mine
+      graspmap generate --recipe graspmap-v1 --out data/graspmap-v1
       graspmap doctor jacquard:data/first
 
     Each scene is an object (or --clutter of them) dropped on a table until it rests, seen by a
@@ -52,12 +53,19 @@ class Generate:
     split.json divides the scenes by object; manifest.json has the counts and the hash of each file;
     sheet.png shows some scenes. Stopped (Ctrl-C, kill, full disk), the same command goes on where
     it was, and ends with the same bytes. More --scenes in the same folder add scenes.
+
+    A recipe is a YAML file that says all of this for several parts (training, test, ...) that share
+    no object; graspmap-v1 is the benchmark of the project. Part P becomes the data set DIR/P.
     """
 
     out: Annotated[Path, option("DIR", "needed")]
     """Folder of the data set."""
-    scenes: Annotated[int, option("N", "needed")]
+    scenes: Annotated[int | None, option("N", "needed without --recipe")] = None
     """How many scenes."""
+    recipe: Annotated[str | None, option("R")] = None
+    """Name of a recipe (graspmap-v1) or a YAML file, instead of all other flags but --workers."""
+    parts: Annotated[str | None, option("P,...", "default: all")] = None
+    """Parts of the recipe to make."""
     objects: Annotated[str, option("procedural|DIR", "default: procedural")] = "procedural"
     """Objects that graspmap makes up, or a folder of meshes (.obj .stl .ply .off .glb .gltf)."""
     gripper: Annotated[str, option("G", "default: jacquard")] = "jacquard"
@@ -76,8 +84,8 @@ class Generate:
     """Grasps tried on each scene, over all jaw sizes of the gripper."""
     randomisation: Annotated[str, option("F", "default: default")] = "default"
     """By how much cameras, lights and surfaces vary: default, plain, or a YAML file."""
-    family: Annotated[str | None, option("NAME", "default: all")] = None
-    """Kind of made-up objects: a family or a shape, for example extrusion or mug."""
+    family: Annotated[str | None, option("NAME,...", "default: all")] = None
+    """Kinds of made-up objects: families or shapes, for example extrusion,mug."""
     unit: Annotated[Literal["m", "cm", "mm", "inch"] | None, option("UNIT", "default: guessed")] = (
         None
     )
@@ -94,19 +102,54 @@ def run(argv: Sequence[str]) -> int:
     flags = parse(Generate, argv, "graspmap generate")
     if flags.workers < 0:
         raise InvalidInputError("--workers", flags.workers, "1 or more, 0 for every core")
-    plan = _plan(flags)
+    plans = _plans(flags)
     output_folder(flags.out, "--out")
     output_file(flags.json, "--json")
+    summaries = {}
+    for part, plan in plans.items():
+        if part:
+            teller(flags.json)(f"part {part}: {plan.scenes} scenes")
+        summaries[part] = _make(flags, plan, flags.out / part)
+    write_json(summaries.get("", {"parts": summaries}), flags.json)
+    return 0
+
+
+def _make(flags: Generate, plan: GenerationPlan, out: Path) -> dict[str, Any]:
+    """Make one data set, and tell about it."""
     from graspmap.generation import generate
 
     clock = _Clock()
     workers = flags.workers or os.cpu_count() or 1
-    manifest = generate(plan, flags.out, workers=workers, progress=clock.progress)
-    write_picture(flags.out / "sheet.png", _sheet(flags.out, plan.gripper.name))
-    summary = _summary(manifest, clock, flags.out)
-    _tell(flags, summary)
-    write_json(summary, flags.json)
-    return 0
+    manifest = generate(plan, out, workers=workers, progress=clock.progress)
+    write_picture(out / "sheet.png", _sheet(out, plan.gripper.name))
+    summary = _summary(manifest, clock, out)
+    _tell(teller(flags.json), summary)
+    return summary
+
+
+def _plans(flags: Generate) -> Mapping[str, GenerationPlan]:
+    """The plan of each part by its name; without a recipe the one plan, whose name is empty."""
+    if flags.recipe is None:
+        if flags.scenes is None:
+            raise InvalidInputError("--scenes", "missing", "a number of scenes, or --recipe")
+        if flags.parts is not None:
+            raise InvalidInputError("--parts", flags.parts, "only with --recipe")
+        return {"": _plan(flags)}
+    others = {"out", "recipe", "parts", "workers", "json"}
+    for known in fields(flags):
+        value = getattr(flags, known.name)
+        if known.name not in others and value != known.default:
+            flag = "--" + known.name.replace("_", "-")
+            raise InvalidInputError(flag, value, "not with --recipe: it is the recipe that says so")
+    from graspmap.generation.recipe import load_recipe
+
+    plans = load_recipe(flags.recipe)
+    if flags.parts is None:
+        return plans
+    for name in flags.parts.split(","):
+        if name not in plans:
+            raise UnknownNameError(f"part of {flags.recipe}", name, plans)
+    return {name: plans[name] for name in flags.parts.split(",")}
 
 
 def _plan(flags: Generate) -> GenerationPlan:
@@ -114,6 +157,7 @@ def _plan(flags: Generate) -> GenerationPlan:
     from graspmap.gripper import load_gripper
     from graspmap.simulation.render import load_randomisation
 
+    assert flags.scenes is not None  # _plans() saw to it
     made_up = flags.objects == PROCEDURAL
     return GenerationPlan(
         scenes=flags.scenes,
@@ -125,7 +169,7 @@ def _plan(flags: Generate) -> GenerationPlan:
         size_px=flags.size,
         candidates=flags.candidates,
         randomisation=load_randomisation(flags.randomisation),
-        family=flags.family,
+        families=() if flags.family is None else tuple(flags.family.split(",")),
         unit=flags.unit,
         fit=flags.fit,
     )
@@ -172,10 +216,9 @@ def _summary(manifest: Mapping[str, Any], clock: _Clock, out: Path) -> dict[str,
     }
 
 
-def _tell(flags: Generate, summary: Mapping[str, Any]) -> None:
-    tell = teller(flags.json)
+def _tell(tell: Callable[[str], None], summary: Mapping[str, Any]) -> None:
     tell(
-        f"{summary['scenes']} scenes of {summary['objects']} objects in jacquard:{flags.out}, "
+        f"{summary['scenes']} scenes of {summary['objects']} objects in {summary['data']}, "
         f"{summary['made_now']} of them made now in {summary['seconds']:.0f} s "
         f"({summary['scenes_per_hour']:,.0f} scenes an hour)"
     )
@@ -190,7 +233,7 @@ def _tell(flags: Generate, summary: Mapping[str, Any]) -> None:
         tell(f"  rejected and replaced on the way: {reasons}")
     if summary["missing_scenes"]:
         tell(f"  {summary['missing_scenes']} scenes are missing: no object for them was usable")
-    tell(f"  see {summary['sheet']}, or: graspmap doctor jacquard:{flags.out}")
+    tell(f"  see {summary['sheet']}, or: graspmap doctor {summary['data']}")
 
 
 def _sheet(root: Path, gripper: str) -> Any:

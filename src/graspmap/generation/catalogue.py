@@ -97,7 +97,9 @@ def item_part(item: int) -> str:
 def _made_up(plan: GenerationPlan, item: int, first: int) -> Pick:
     assert plan.ranges is not None  # a plan for made-up objects has them
     sources = tuple(
-        ProceduralSource(seed=plan.seed, index=first + k, family=plan.family, ranges=plan.ranges)
+        ProceduralSource(
+            seed=plan.seed, index=first + k, families=plan.families, ranges=plan.ranges
+        )
         for k in range(plan.clutter)
     )
     models = tuple(source.model("", Path()) for source in sources)

@@ -39,7 +39,7 @@ class GenerationPlan:
         candidates: Trials of a scene, over all jaw sizes.
         randomisation: By how much pictures vary.
         settings: Of the trials.
-        family: Of procedural objects: one of `FAMILIES` or of their shapes; all where None.
+        families: Of procedural objects: names of `FAMILIES` or of their shapes; all where empty.
         ranges: Sizes and masses of procedural objects; those that suit the gripper where None.
         unit: Of the meshes; guessed where None.
         fit: Scale each mesh to the gripper by EGAD's rule.
@@ -59,7 +59,7 @@ class GenerationPlan:
     candidates: int = 1000
     randomisation: Randomisation = field(default_factory=Randomisation)
     settings: TrialSettings = field(default_factory=TrialSettings)
-    family: str | None = None
+    families: tuple[str, ...] = ()
     ranges: ObjectRanges | None = None
     unit: Unit | None = None
     fit: bool = False
@@ -90,15 +90,21 @@ class GenerationPlan:
                     raise InvalidInputError(
                         name, repr(value), "for a folder of meshes only, not for procedural objects"
                     )
-            shapes = [name for family in FAMILIES.values() for name in family.shapes]
-            if self.family is not None and self.family not in [*FAMILIES, *shapes]:
-                raise UnknownNameError("family of objects", self.family, [*FAMILIES, *shapes])
+            self._check_families()
             return
-        for name in ("family", "ranges"):
-            if (value := getattr(self, name)) is not None:
+        for name in ("families", "ranges"):
+            if value := getattr(self, name):
                 raise InvalidInputError(name, repr(value), "for procedural objects only, no meshes")
         if self.unit is not None and self.unit not in get_args(Unit):
             raise UnknownNameError("unit", self.unit, get_args(Unit))
+
+    def _check_families(self) -> None:
+        known = [*FAMILIES, *(name for family in FAMILIES.values() for name in family.shapes)]
+        for name in self.families:
+            if name not in known:
+                raise UnknownNameError("family of objects", name, known)
+            if self.families.count(name) > 1:
+                raise InvalidInputError("families", f"{name} twice", "each name once")
 
     def _check_jaws(self) -> None:
         """See that the gripper's jaws are neither specks nor larger than the picture."""
@@ -137,7 +143,7 @@ class GenerationPlan:
             "seed": self.seed,
             "size_px": self.size_px,
             "candidates": self.candidates,
-            "family": self.family,
+            "families": list(self.families),
             "ranges": _plain(ObjectRanges, self.ranges) if self.ranges else None,
             "unit": self.unit,
             "fit": self.fit,

@@ -26,14 +26,14 @@ class ProceduralSource(_Strict):
     Attributes:
         seed: Seed of the family.
         index: Number of the object.
-        family: What it was drawn from; None for all families.
+        families: What it was drawn from; empty for all families.
         ranges: How large, thin and heavy objects may be.
     """
 
     kind: Literal["procedural"] = "procedural"
     seed: int
     index: int
-    family: str | None
+    families: tuple[str, ...] = Field(default=(), strict=False)
     ranges: ObjectRanges
 
     def labels(self, id: str) -> dict[str, str]:
@@ -43,7 +43,7 @@ class ProceduralSource(_Strict):
 
     def model(self, id: str, root: Path) -> ObjectModel:  # noqa: ARG002  # as the other sources
         """Make the object; ``root`` is not looked at."""
-        return make_object(self.seed, self.index, ranges=self.ranges, family=self.family)
+        return make_object(self.seed, self.index, ranges=self.ranges, families=self.families)
 
 
 class MeshSource(_Strict):

@@ -176,7 +176,6 @@ class Attempt:
             if still >= settings.stall_checks:
                 break
             # One finger alone pushes an object over the table; it is the pinch that is delicate.
-            # One finger alone pushes an object over the table; it is the pinch that is delicate.
             self.pace(calm=stopped or not (self.recent[-1] > 0).all(axis=0).any())
         return self._unstable()
 

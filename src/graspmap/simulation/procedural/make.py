@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -61,7 +61,7 @@ FAMILIES: dict[str, Family] = {
 
 
 def make_object(
-    seed: int, index: int, *, ranges: ObjectRanges | None = None, family: str | None = None
+    seed: int, index: int, *, ranges: ObjectRanges | None = None, families: Sequence[str] = ()
 ) -> ObjectModel:
     """Object ``index`` of ``seed``, whichever were made before, in any process.
 
@@ -69,7 +69,8 @@ def make_object(
         seed: Of the whole set, >= 0.
         index: Of the object, >= 0.
         ranges: Sizes and masses; the defaults where None. Other ranges give other objects.
-        family: One of `FAMILIES`, or one of their shapes ("mug"); any where None.
+        families: Names of `FAMILIES`, or of their shapes ("mug"), to draw from in proportion to
+            their weights; all families where empty.
 
     Returns:
         The object; its id is the shape's name and the index, such as ``mug-000123``.
@@ -83,7 +84,7 @@ def make_object(
         if not whole or value < 0:
             raise InvalidInputError(name, repr(value), "a whole number, >= 0")
     draw = Draw(np.random.default_rng((seed, index)), ranges or ObjectRanges())
-    shape, build = _choose(draw, family)
+    shape, build = _choose(draw, families)
     solid = _built(build, draw)
     return object_from_solid(
         f"{shape}-{index:06d}",
@@ -103,21 +104,26 @@ def family_of(shape: str) -> str:
     for name, family in FAMILIES.items():
         if shape in family.shapes:
             return name
-    raise UnknownNameError("shape", shape, [name for f in FAMILIES.values() for name in f.shapes])
+    shapes = [name for family in FAMILIES.values() for name in family.shapes]
+    raise UnknownNameError("family or shape", shape, [*FAMILIES, *shapes])
 
 
-def _choose(draw: Draw, family: str | None) -> tuple[str, Builder]:
-    number = draw.rng.random()  # drawn in any case: a family of its own changes nothing else
-    if family is None:
-        shares = np.cumsum([f.weight for f in FAMILIES.values()])
-        place = int(np.searchsorted(shares, number * shares[-1], side="right"))
-        family = list(FAMILIES)[min(place, len(FAMILIES) - 1)]
-    if family in FAMILIES:
-        return draw.choice(list(FAMILIES[family].shapes.items()))
-    shapes = {name: build for f in FAMILIES.values() for name, build in f.shapes.items()}
-    if family not in shapes:
-        raise UnknownNameError("family", str(family), [*FAMILIES, *shapes])
-    return family, shapes[family]
+def _choose(draw: Draw, families: Sequence[str]) -> tuple[str, Builder]:
+    shares = np.cumsum([_weight(name) for name in families or FAMILIES])
+    number = draw.rng.random() * shares[-1]
+    place = min(int(np.searchsorted(shares, number, side="right")), len(shares) - 1)
+    name = (families or list(FAMILIES))[place]
+    if name in FAMILIES:
+        return draw.choice(list(FAMILIES[name].shapes.items()))
+    return name, FAMILIES[family_of(name)].shapes[name]
+
+
+def _weight(name: str) -> float:
+    """Share of the mixture that a family, or a shape of one, has."""
+    if name in FAMILIES:
+        return FAMILIES[name].weight
+    family = FAMILIES[family_of(name)]
+    return family.weight / len(family.shapes)
 
 
 def _built(build: Builder, draw: Draw) -> Solid:
