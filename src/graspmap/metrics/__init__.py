@@ -1,6 +1,9 @@
 """Pure numbers about grasps: rectangle success, its protocols, and intervals around a score."""
 
+from graspmap.metrics.calibration import Calibration, ReliabilityBin, calibrate
+from graspmap.metrics.correlation import Correlation, correlate
 from graspmap.metrics.intervals import bootstrap_interval, wilson_interval
+from graspmap.metrics.paired import PairedComparison, compare_paired
 from graspmap.metrics.protocols import PROTOCOLS, RectangleProtocol, find_protocol
 from graspmap.metrics.rectangle import (
     MAX_ANGLE,
@@ -14,10 +17,17 @@ __all__ = [
     "MAX_ANGLE",
     "PROTOCOLS",
     "THRESHOLDS",
+    "Calibration",
+    "Correlation",
+    "PairedComparison",
     "RectangleProtocol",
     "RectangleScore",
+    "ReliabilityBin",
     "best_overlap",
     "bootstrap_interval",
+    "calibrate",
+    "compare_paired",
+    "correlate",
     "find_protocol",
     "score_rectangles",
     "wilson_interval",

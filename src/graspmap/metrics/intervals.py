@@ -61,13 +61,13 @@ def bootstrap_interval(
     """
     numbers = check_values(values)
     members, count = group_numbers(groups, len(numbers))
-    levels = _percentiles(count, confidence)
+    levels = percentile_levels(count, confidence)
     if resamples < 1:
         raise InvalidInputError("number of resamples", resamples, "1 or more")
     if count == 1:
         return -np.inf, np.inf
     if statistic is np.mean:
-        draws = _resampled_means(numbers[:, None], members, count, rng, resamples)[:, 0]
+        draws = resampled_means(numbers[:, None], members, count, rng, resamples)[:, 0]
     else:
         draws = _resampled(numbers, members, count, statistic, rng, resamples)
     low, high = np.quantile(draws, levels)
@@ -103,13 +103,13 @@ def bootstrap_means(
         InvalidInputError: As `bootstrap_interval`.
     """
     members, count = group_numbers(groups, len(values))
-    levels = _percentiles(count, confidence)
+    levels = percentile_levels(count, confidence)
     if resamples < 1:
         raise InvalidInputError("number of resamples", resamples, "1 or more")
     if count == 1:
         ends = np.tile([0.0, 1.0], (values.shape[1], 1))
     else:
-        draws = _resampled_means(values, members, count, rng, resamples)
+        draws = resampled_means(values, members, count, rng, resamples)
         ends = np.quantile(draws, levels, axis=0).T
     for k in np.flatnonzero(np.ptp(values, axis=0) == 0):
         ends[k] = wilson_interval(float(values[0, k]) * count, count, confidence)
@@ -189,8 +189,12 @@ def group_numbers(groups: Groups | None, scenes: int) -> tuple[NDArray[np.int64]
     return np.asarray(members, dtype=np.int64), len(numbers)
 
 
-def _percentiles(groups: int, confidence: float) -> tuple[float, float]:
-    """The two percentiles (0 to 1) of the resamples, widened for a finite number of groups."""
+def percentile_levels(groups: int, confidence: float) -> tuple[float, float]:
+    """The two percentiles (0 to 1) of the resamples, widened for a finite number of groups.
+
+    Raises:
+        InvalidInputError: The confidence is not between 0 and 1.
+    """
     tail = (1 - check_confidence(confidence)) / 2
     if groups > 1:
         from scipy.special import stdtrit
@@ -200,14 +204,22 @@ def _percentiles(groups: int, confidence: float) -> tuple[float, float]:
     return tail, 1 - tail
 
 
-def _resampled_means(
+def resampled_means(
     values: Floats,
     members: NDArray[np.int64],
     count: int,
     rng: np.random.Generator,
     resamples: int,
 ) -> Floats:
-    """(R, K) means of (S, K) values over drawn groups, each scene of a drawn group weighing 1."""
+    """(R, K) means of (S, K) values over drawn groups, each scene of a drawn group weighing 1.
+
+    Args:
+        values: (S, K) numbers.
+        members: (S,) number of each scene's group, see `group_numbers`.
+        count: Number of groups.
+        rng: Source of the draws.
+        resamples: R.
+    """
     sums = np.zeros((count, values.shape[1]))
     np.add.at(sums, members, values)
     sizes = np.bincount(members, minlength=count).astype(np.float64)
