@@ -1,6 +1,6 @@
 """Pure numbers about grasps: rectangle success, its protocols, and intervals around a score."""
 
-from graspmap.metrics.calibration import Calibration, ReliabilityBin, calibrate
+from graspmap.metrics.calibration import Calibration, ReliabilityBin, score_calibration
 from graspmap.metrics.correlation import Correlation, correlate
 from graspmap.metrics.intervals import bootstrap_interval, wilson_interval
 from graspmap.metrics.paired import PairedComparison, compare_paired
@@ -25,10 +25,10 @@ __all__ = [
     "ReliabilityBin",
     "best_overlap",
     "bootstrap_interval",
-    "calibrate",
     "compare_paired",
     "correlate",
     "find_protocol",
+    "score_calibration",
     "score_rectangles",
     "wilson_interval",
 ]

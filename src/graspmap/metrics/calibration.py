@@ -99,7 +99,7 @@ class Calibration:
         return found
 
 
-def calibrate(
+def score_calibration(
     quality: ArrayLike,
     held: ArrayLike,
     *,
