@@ -1,7 +1,9 @@
 """Pure numbers about grasps: rectangle success, its protocols, and intervals around a score."""
 
 from graspmap.metrics.calibration import Calibration, ReliabilityBin, score_calibration
+from graspmap.metrics.confusion import ClassScore, score_classes
 from graspmap.metrics.correlation import Correlation, correlate
+from graspmap.metrics.depth_error import DepthErrors, DepthScore, depth_errors, score_depth
 from graspmap.metrics.intervals import bootstrap_interval, wilson_interval
 from graspmap.metrics.paired import PairedComparison, compare_paired
 from graspmap.metrics.protocols import PROTOCOLS, RectangleProtocol, find_protocol
@@ -12,23 +14,34 @@ from graspmap.metrics.rectangle import (
     best_overlap,
     score_rectangles,
 )
+from graspmap.metrics.saliency import SaliencyMarks, SaliencyScore, saliency_marks, score_saliency
 
 __all__ = [
     "MAX_ANGLE",
     "PROTOCOLS",
     "THRESHOLDS",
     "Calibration",
+    "ClassScore",
     "Correlation",
+    "DepthErrors",
+    "DepthScore",
     "PairedComparison",
     "RectangleProtocol",
     "RectangleScore",
     "ReliabilityBin",
+    "SaliencyMarks",
+    "SaliencyScore",
     "best_overlap",
     "bootstrap_interval",
     "compare_paired",
     "correlate",
+    "depth_errors",
     "find_protocol",
+    "saliency_marks",
     "score_calibration",
+    "score_classes",
+    "score_depth",
     "score_rectangles",
+    "score_saliency",
     "wilson_interval",
 ]
