@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         predict_scenes,
     )
     from graspmap.evaluation.results import Evaluation, SceneResult
+    from graspmap.evaluation.task_scores import TaskEvaluation, evaluate_tasks
     from graspmap.evaluation.trial_plan import TrialPlan
     from graspmap.evaluation.trial_results import TrialEvaluation, TriedGrasp, write_trials
     from graspmap.evaluation.trials import try_grasps
@@ -36,6 +37,7 @@ __all__ = [
     "GraspDetector",
     "GraspsToTry",
     "SceneResult",
+    "TaskEvaluation",
     "TrialEvaluation",
     "TrialPlan",
     "TriedGrasp",
@@ -43,6 +45,7 @@ __all__ = [
     "center_grasp_baseline",
     "evaluate_detector",
     "evaluate_predictions",
+    "evaluate_tasks",
     "file_predictions",
     "in_file_frame",
     "labelled_grasps",
@@ -58,6 +61,7 @@ _HOME = {
     "GraspDetector": "evaluate",
     "GraspsToTry": "grasps_to_try",
     "SceneResult": "results",
+    "TaskEvaluation": "task_scores",
     "TrialEvaluation": "trial_results",
     "TrialPlan": "trial_plan",
     "TriedGrasp": "trial_results",
@@ -65,6 +69,7 @@ _HOME = {
     "center_grasp_baseline": "baselines",
     "evaluate_detector": "evaluate",
     "evaluate_predictions": "evaluate",
+    "evaluate_tasks": "task_scores",
     "file_predictions": "grasps_to_try",
     "in_file_frame": "evaluate",
     "labelled_grasps": "grasps_to_try",
