@@ -1,0 +1,227 @@
+"""``graspmap evaluate egad``: a detector tried on a folder of meshes by EGAD's protocol."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from graspmap.cli.frame import option, output_file, output_folder, parse, teller, write_json
+from graspmap.cli.progress import progress
+from graspmap.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from graspmap.evaluation.egad import EgadPlan
+    from graspmap.simulation.render import Randomisation
+
+_REPEATS = 10
+_DISTANCES = (0.95, 1.05)
+"""Of what --distance says: cameras vary a little."""
+_WORST = 5
+"""Objects that are named as the hardest."""
+
+
+@dataclass(frozen=True)
+class EvaluateEgad:
+    """Try a detector on a folder of meshes in simulation, each object many times (EGAD's protocol).
+
+    Examples:
+      graspmap evaluate egad --meshes ~/egad_eval_set --weights W --gripper franka --out report
+      graspmap evaluate egad --meshes DIR --weights W --gripper mine.yaml --trials 5 --shake
+
+    Each mesh is scaled to the gripper: the longest side of its box becomes the greatest opening,
+    the shortest at most 0.8 of it. It is dropped at random, a camera sees it, and the detector's
+    best grasp that the gripper can open for is tried: it is right when the object hangs in the
+    fingers after the lift. So --trials times, each with a fall, a camera and a light of its own.
+    Beside it proposed grasps are tried, to say in how many of the falls any grasp holds at all.
+    Objects called A0 to G6 fill EGAD's grid, with the mean of each row and column. A mesh that
+    cannot be used is told, and counts nowhere. With --out, a run that was stopped goes on where
+    it was.
+    """
+
+    meshes: Annotated[Path, option("DIR", "needed")]
+    """Folder of meshes (.obj .stl .ply .off .glb .gltf); of EGAD: its evaluation set."""
+    weights: Annotated[Path, option("W", "needed")]
+    """Weights file of the detector."""
+    gripper: Annotated[str, option("G", "needed")]
+    """Name of a profile (`graspmap gripper list`) or a YAML file."""
+    trials: Annotated[int, option("N", "default: 20")] = 20
+    """Tries of each object."""
+    top: Annotated[int, option("K", "default: 1")] = 1
+    """Grasps tried in each, best first, each on the object as it fell; the first one counts, the
+    others say what a robot reaches that tries again."""
+    depth: Annotated[Literal["stereo", "perfect"], option("stereo|perfect", "default: stereo")] = (
+        "stereo"
+    )
+    """What the camera measures: the detector sees it, and it places the grasps."""
+    candidates: Annotated[int, option("N", "default: 100")] = 100
+    """Proposed grasps that are tried in each fall, over all jaw sizes; 0 for none."""
+    size: Annotated[int, option("PX", "default: 1024")] = 1024
+    """Side of the pictures, pixels."""
+    randomisation: Annotated[str, option("F", "default: default")] = "default"
+    """Where cameras stand, and by how much lights and surfaces vary: default, plain, or a YAML
+    file."""
+    distance: Annotated[float | None, option("M", "default: about 1.5, as Jacquard's")] = None
+    """From the camera to the table, metres, instead of what --randomisation says. A network finds
+    things of the size that it was trained on: those trained on Cornell want about 0.5."""
+    shake: bool = False
+    """Shake the gripper after the lift: weak grips lose."""
+    perturb: Annotated[str | None, option("MM,DEG[,FRICTION,MASS]", "default: none")] = None
+    """Standard deviations of the grasp's place (mm), its angle (degrees), and, relative, of
+    friction and mass: 2,2,0.1,0.1. Gives the robust success as well."""
+    repeats: Annotated[int | None, option("N", f"default: {_REPEATS}")] = None
+    """Perturbed repeats of each grasp."""
+    seed: Annotated[int, option("S", "default: 0")] = 0
+    """Seed of everything random; a try follows from it, its mesh and its number."""
+    workers: Annotated[int, option("W", "default: number of cores")] = 0
+    """Processes; the result does not depend on it."""
+    device: Annotated[str, option("NAME", "default: cpu")] = "cpu"
+    """Where the network runs: cpu, cuda, ..."""
+    out: Annotated[Path | None, option("DIR")] = None
+    """Folder for the report (report.html, evaluation.json, per_try.csv)."""
+    json: Annotated[Path | None, option("F")] = None
+    """Write the summary as JSON to this file, - for standard output."""
+
+
+def run(argv: Sequence[str]) -> int:
+    """Run ``graspmap evaluate egad``."""
+    flags = parse(EvaluateEgad, argv, "graspmap evaluate egad")
+    _check(flags)
+    plan = _plan(flags)
+    if flags.out is not None:
+        output_folder(flags.out, "--out")
+    output_file(flags.json, "--json", keep=[flags.weights])
+    from graspmap.evaluation.egad import DetectorFile, evaluate_egad, finish
+
+    result = evaluate_egad(
+        flags.meshes.expanduser(),
+        DetectorFile(flags.weights, flags.device),
+        plan,
+        workers=flags.workers or os.cpu_count() or 1,
+        folder=flags.out,
+        progress=partial(progress, per_hour="tries"),
+    )
+    about = {"data": f"egad:{flags.meshes}"}
+    summary: dict[str, Any]
+    if flags.out is None:
+        summary = {**about, "egad": result.to_dict()}
+    else:
+        summary = result.write(flags.out, about)
+        finish(flags.out)
+    _tell(flags, summary["egad"])
+    write_json(summary, flags.json)
+    return 0
+
+
+def _check(flags: EvaluateEgad) -> None:
+    for name, value, least in (
+        ("--trials", flags.trials, 1),
+        ("--top", flags.top, 1),
+        ("--candidates", flags.candidates, 0),
+        ("--seed", flags.seed, 0),
+        ("--workers", flags.workers, 0),
+        ("--repeats", flags.repeats, 1),
+    ):
+        if value is not None and value < least:
+            raise InvalidInputError(name, value, f"{least} or more")
+    if flags.distance is not None and not 0.05 <= flags.distance <= 5:
+        raise InvalidInputError("--distance", flags.distance, "0.05 to 5 metres")
+    if flags.repeats is not None and flags.perturb is None:
+        raise InvalidInputError(
+            "--repeats", flags.repeats, "only with --perturb: repeats are all the same without"
+        )
+
+
+def _plan(flags: EvaluateEgad) -> EgadPlan:
+    from graspmap.cli.trial_flags import read_perturbation
+    from graspmap.evaluation.egad import EgadPlan
+    from graspmap.gripper import load_gripper
+    from graspmap.simulation.trial import Shake, TrialSettings
+
+    return EgadPlan(
+        gripper=load_gripper(flags.gripper),
+        trials=flags.trials,
+        top=flags.top,
+        depth=flags.depth,
+        candidates=flags.candidates,
+        size_px=flags.size,
+        randomisation=_randomisation(flags),
+        settings=TrialSettings(shake=Shake()) if flags.shake else TrialSettings(),
+        perturbation=None if flags.perturb is None else read_perturbation(flags.perturb),
+        repeats=1 if flags.perturb is None else flags.repeats or _REPEATS,
+        seed=flags.seed,
+    )
+
+
+def _randomisation(flags: EvaluateEgad) -> Randomisation:
+    from graspmap.simulation.render import load_randomisation
+
+    found = load_randomisation(flags.randomisation)
+    if flags.distance is None:
+        return found
+    near, far = (round(factor * flags.distance, 6) for factor in _DISTANCES)
+    camera = found.camera.model_copy(update={"distance_m": (near, far)})
+    return found.model_copy(update={"camera": camera})
+
+
+def _tell(flags: EvaluateEgad, egad: Mapping[str, Any]) -> None:
+    tell = teller(flags.json)
+    tell(
+        f"{egad['objects']} objects of {flags.meshes}, {egad['trials']} tries, gripper "
+        f"{egad['gripper']}, {egad['depth']} depth, {egad['seconds']:.0f} s"
+    )
+    tell(
+        f"  its opening of {1000 * egad['opening_m']:.0f} mm, the length of an object, is about "
+        f"{egad['opening_px']:.0f} of {flags.size} px"
+    )
+    tell(f"  held {egad['held']} of {egad['trials']}: success {_share(egad)}")
+    if egad["robust_success"] is not None:
+        low, high = egad["robust_interval"]
+        tell(f"  robust success, perturbed: {egad['robust_success']:.1%} ({low:.1%} to {high:.1%})")
+    tell("  outcomes: " + ", ".join(f"{name} {n}" for name, n in egad["outcomes"].items()))
+    if egad["ceiling"] is not None:
+        tell(f"  falls in which any of the proposed grasps holds: {_share(egad['ceiling'])}")
+    if egad["candidates"] is not None and egad["candidates"]["trials"]:
+        proposed = egad["candidates"]
+        tell(f"  of {proposed['trials']} proposed grasps held {proposed['success']:.1%}")
+    for entry in egad["published"]:
+        tell(f"  on a robot, {entry['name']}: {entry['success']:.0%} ({entry['source']})")
+    for k, score in egad.get("one_of_first", {}).items():
+        tell(f"  one of the first {k} holds in {score['success']:.1%} of the tries")
+    for line in _grid(egad["grid"]) if egad["grid"] else _hardest(egad["per_object"]):
+        tell(line)
+    for what in ("broken", "skipped"):
+        if egad[what]:
+            tell(f"  {len(egad[what])} {'meshes' if what == 'broken' else 'tries'} left out")
+    if flags.out is not None:
+        tell(f"  written: {flags.out / 'evaluation.json'}, {flags.out / 'per_try.csv'}")
+
+
+def _share(score: Mapping[str, Any]) -> str:
+    low, high = score["interval"]
+    return f"{score['success']:.1%} (95% interval {low:.1%} to {high:.1%})"
+
+
+def _grid(grid: Mapping[str, Any]) -> list[str]:
+    """EGAD's grid in percent: a line for each row, with the means at its right and lower edge."""
+
+    def cells(values: Sequence[float | None]) -> str:
+        return "".join("   -" if v is None else f"{100 * v:4.0f}" for v in values)
+
+    lines = ["  success in percent, row and column means outside:"]
+    lines.append("      " + "".join(f"{name:>4}" for name in grid["columns"]) + "  mean")
+    for name, values, mean in zip(grid["rows"], grid["success"], grid["row_means"], strict=True):
+        lines.append(f"    {name} {cells(values)}  {cells([mean])}")
+    lines.append(f"  mean{cells(grid['column_means'])}  {cells([grid['mean']])}")
+    return lines
+
+
+def _hardest(objects: Mapping[str, Any]) -> list[str]:
+    """The objects with the most failures, where there is no grid."""
+    failing = [(name, s) for name, s in objects.items() if s["held"] < s["trials"]]
+    worst = sorted(failing, key=lambda item: item[1]["success"])[:_WORST]
+    names = ", ".join(f"{name} {s['held']} of {s['trials']}" for name, s in worst)
+    return [f"  hardest objects: {names}"] if names else []

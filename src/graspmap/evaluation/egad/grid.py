@@ -1,0 +1,117 @@
+"""EGAD's grid: 7 by 7 objects, named by row and column, A0 to G6 (Fig. 5.7 of the thesis).
+
+Letters in shapes: R rows, C columns.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from graspmap.metrics.intervals import bootstrap_means, wilson_interval
+
+ROWS = tuple("ABCDEFG")
+COLUMNS = tuple("0123456")
+
+PUBLISHED: tuple[dict[str, Any], ...] = (
+    {
+        "name": "thesis",
+        "success": 0.77,
+        "trials": 980,
+        "source": "Thesis, section 5.2.2 and Fig. 5.7b: U-Net, three bins, on a WidowX arm",
+    },
+    {
+        "name": "original study",
+        "success": 0.58,
+        "trials": None,
+        "source": "Thesis, section 5.2.2 and Fig. 5.7a: GG-CNN, by EGAD's authors",
+    },
+)
+"""Overall success on robots, to stand beside a simulated one; the thesis prints no cell as text."""
+
+_NAME = re.compile(r"([A-G])([0-6])", re.IGNORECASE)
+
+Held = Mapping[str, Sequence[bool]]
+"""For each object: whether each of its tries held."""
+
+
+def cell_of(id: str) -> tuple[int, int] | None:
+    """Row and column of an object by its name; None where it has no place in the grid."""
+    match = _NAME.fullmatch(id)
+    if match is None:
+        return None
+    return ROWS.index(match[1].upper()), COLUMNS.index(match[2])
+
+
+def make_grid(
+    held: Held, possible: Held, *, rng: np.random.Generator, confidence: float = 0.95
+) -> dict[str, Any] | None:
+    """Success of each cell, with the means of rows and columns.
+
+    The mean of a row is that of its cells, each counted once; its interval draws whole objects.
+
+    Args:
+        held: Whether the grasp of each try held, by object.
+        possible: Whether any candidate of each try held, by object; empty where none were tried.
+        rng: Source of the resamples.
+        confidence: Of the intervals.
+
+    Returns:
+        ``rows`` and ``columns``: their names; ``success``, ``interval`` (Wilson's), ``ceiling``:
+        (R, C), None where there is no such object; ``row_means``, ``column_means``,
+        ``row_intervals``, ``column_intervals``; ``mean`` over all cells. None where no object has
+        a name of the grid.
+    """
+    names: dict[tuple[int, int], str] = {}
+    for name, tries in held.items():
+        cell = cell_of(name)
+        if cell is not None and tries:
+            names[cell] = name
+    if not names:
+        return None
+    success = {cell: float(np.mean(held[name])) for cell, name in names.items()}
+    interval = {
+        cell: list(wilson_interval(sum(held[name]), len(held[name]), confidence))
+        for cell, name in names.items()
+    }
+    ceiling = {
+        cell: float(np.mean(possible[name])) for cell, name in names.items() if possible.get(name)
+    }
+    rows = [_line([success.get((r, c)) for c in range(7)], rng, confidence) for r in range(7)]
+    columns = [_line([success.get((r, c)) for r in range(7)], rng, confidence) for c in range(7)]
+    return {
+        "rows": list(ROWS),
+        "columns": list(COLUMNS),
+        "success": _table(success),
+        "interval": _table(interval),
+        "ceiling": _table(ceiling),
+        "row_means": [mean for mean, _ in rows],
+        "row_intervals": [ends for _, ends in rows],
+        "column_means": [mean for mean, _ in columns],
+        "column_intervals": [ends for _, ends in columns],
+        "mean": float(np.mean(list(success.values()))),
+        "missing": [
+            row + column
+            for r, row in enumerate(ROWS)
+            for c, column in enumerate(COLUMNS)
+            if (r, c) not in names
+        ],
+    }
+
+
+def _table(cells: Mapping[tuple[int, int], Any]) -> list[list[Any]]:
+    return [[cells.get((r, c)) for c in range(len(COLUMNS))] for r in range(len(ROWS))]
+
+
+def _line(
+    cells: Sequence[float | None], rng: np.random.Generator, confidence: float
+) -> tuple[float | None, list[float] | None]:
+    """Mean of a row or column over the objects that there are, and its interval."""
+    there = np.array([cell for cell in cells if cell is not None], dtype=np.float64)
+    if not len(there):
+        return None, None
+    ends = bootstrap_means(there[:, None], rng=rng, confidence=confidence)[0]
+    return float(there.mean()), ends.tolist()
