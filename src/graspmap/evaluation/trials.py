@@ -149,7 +149,7 @@ class _Run:
                 pool.submit(index)
             for done, answer in enumerate(pool.answers(), start=len(order) - len(todo) + 1):
                 if answer.result is None:
-                    self.skipped[self._scenes.ids[answer.task]] = _blame(answer.error)
+                    self.skipped[self._scenes.ids[answer.task]] = blame(answer.error)
                 else:
                     found[answer.task] = answer.result
                     self._journal.add(stamps[answer.task], answer.result)
@@ -251,7 +251,7 @@ def _first_of_each(table: TableGrasps) -> NDArray[np.intp]:
     return np.sort(first)
 
 
-def _blame(error: Exception | None) -> str:
+def blame(error: Exception | None) -> str:
     """Why a scene is left out.
 
     Raises:
