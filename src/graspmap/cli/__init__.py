@@ -33,6 +33,7 @@ COMMANDS = {
     "train": "train a network as an experiment file says",
     "detect": "find grasps in one picture",
     "evaluate": "measure weights or predictions against labelled grasps",
+    "compare": "set evaluations side by side: is one detector better, or is it chance?",
     "trial": "try grasps in simulated physics: which of them hold?",
     "bench": "time detection: preparation, forward pass and decoding",
     "reproduce": "make the tables and figures of the thesis again, its numbers beside yours",

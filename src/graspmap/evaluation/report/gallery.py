@@ -15,6 +15,7 @@ from graspmap.evaluation.animations import film_of
 from graspmap.evaluation.evaluate import GraspDetector, Progress
 from graspmap.evaluation.results import Evaluation, SceneResult
 from graspmap.evaluation.trial_results import TrialEvaluation, TriedGrasp
+from graspmap.geometry.affine import crop
 from graspmap.geometry.grasps import Grasps
 from graspmap.maps.grasp_maps import GraspMaps
 from graspmap.metrics.rectangle import count_right
@@ -25,9 +26,11 @@ from graspmap.pictures.fields import MAP_KINDS, depth_picture, map_picture
 Why = Literal["best", "worst", "random"]
 
 _LABEL: Color = (0, 150, 90)
-_LABELS = 25
+_LABELS = 12
 """Labels drawn on a picture; hundreds would hide it."""
 _SIDE_PX = 360
+_LEAST_PART = 0.3
+"""Part of the picture's longer side that is shown at least around labels and detection."""
 _CAPTIONS = {
     "quality": "quality: bright where a grasp is good",
     "angle": "angle of the opening; dark: low quality",
@@ -67,7 +70,7 @@ def make_gallery(
     detector: GraspDetector | None = None,
     trials: TrialEvaluation | None = None,
     trial_scenes: Scenes | None = None,
-    each: int = 4,
+    each: int = 3,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> tuple[Exhibit, ...]:
@@ -192,9 +195,10 @@ def _pictures(
     depth = None if scene.depth is None else depth_picture(scene.depth)
     view = scene.rgb if scene.rgb is not None else depth
     assert view is not None  # Scene sees to it
-    pictures = {"labels and detection": _with_grasps(view, scene.grasps, result.grasp)}
+    window = _window(scene.shape, [result.grasp, scene.grasps or Grasps.empty()])
+    pictures = {"labels and detection": _close_up(view, window, scene.grasps, result.grasp)}
     if depth is not None:
-        pictures["depth: near bright"] = _with_grasps(depth, None, result.grasp)
+        pictures["depth: near bright"] = _close_up(depth, window, None, result.grasp)
     if detector is None:
         return pictures
     method = evaluation.protocol.decoding
@@ -206,16 +210,44 @@ def _pictures(
     inside = result.grasp.transformed(matrix)
     for kind in MAP_KINDS:
         shown = inside if kind == "quality" else Grasps.empty()
-        pictures[_CAPTIONS[kind]] = _with_grasps(map_picture(maps, kind), None, shown)
+        picture = map_picture(maps, kind)
+        pictures[_CAPTIONS[kind]] = draw_grasps(picture, shown, scale=_fitting(picture))
     return pictures
 
 
-def _with_grasps(view: Picture, labels: Grasps | None, grasp: Grasps) -> Picture:
-    """A picture of limited size with some labels and one grasp."""
-    scale = min(1.0, _SIDE_PX / max(view.shape[:2]))
+def _window(shape: tuple[int, int], grasps: Sequence[Grasps]) -> tuple[int, int, int]:
+    """First column, first row and side of a square around some grasps, inside the picture."""
+    corners = np.concatenate([some.corners().reshape(-1, 2) for some in grasps])
+    rows, columns = shape
+    side, middle = max(shape), np.array([columns, rows]) / 2
+    if len(corners):
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        side = int(np.clip(1.4 * (high - low).max(), _LEAST_PART * side, side))
+        middle = (low + high) / 2
+    x, y = (
+        int(np.clip(m - side / 2, 0, max(0, size - side)))
+        for m, size in zip(middle, (columns, rows), strict=True)
+    )
+    return x, y, side
+
+
+def _close_up(
+    view: Picture, window: tuple[int, int, int], labels: Grasps | None, grasp: Grasps
+) -> Picture:
+    """A window of a picture with some labels and one grasp."""
+    x, y, side = window
+    part = np.ascontiguousarray(view[y : y + side, x : x + side])
+    scale = _fitting(part)
+    matrix = np.diag([scale, scale, 1.0]) @ crop(x, y)
+    picture = draw_grasps(part, Grasps.empty(), scale=scale)
     if labels is not None and len(labels):
         some = np.unique(np.linspace(0, len(labels) - 1, _LABELS).round().astype(int))
-        view = draw_grasps(view, labels[some], scale=scale, jaw=_LABEL, opening=_LABEL)
-        grasp = grasp.transformed(np.diag([scale, scale, 1.0]))
-        scale = 1.0
-    return draw_grasps(view, grasp, scale=scale)
+        shown = labels[some].transformed(matrix)
+        picture = draw_grasps(picture, shown, jaw=_LABEL, opening=_LABEL)
+    return draw_grasps(picture, grasp.transformed(matrix))
+
+
+def _fitting(view: Picture) -> float:
+    """Scale at which the longer side is `_SIDE_PX`."""
+    rows, columns, _ = view.shape
+    return _SIDE_PX / max(rows, columns)

@@ -23,6 +23,7 @@ _FORMATS: dict[str, Callable[[float], str]] = {
     "share": lambda value: f"{value:.1%}",
     "change": lambda value: f"{100 * value:+.1f} points",
     "number": lambda value: f"{value:.3f}",
+    "p": lambda value: f"{value:.2g}",
     "count": lambda value: f"{value:,.0f}",
     "degrees": lambda value: f"{value:g}°",
     "seconds": lambda value: f"{value:,.1f} s",
@@ -80,8 +81,8 @@ def as_text(kind: str, value: float | None) -> str:
     """A number as pages and plots write it.
 
     Args:
-        kind: ``share``, ``change`` (of a share), ``number``, ``count``, ``degrees``, ``seconds``,
-            ``ms`` (of milliseconds), ``mm`` (of metres) or ``millions``.
+        kind: ``share``, ``change`` (of a share), ``number``, ``p`` (value), ``count``,
+            ``degrees``, ``seconds``, ``ms`` (of milliseconds), ``mm`` (of metres) or ``millions``.
         value: The number; None is `NOTHING`.
 
     Raises:

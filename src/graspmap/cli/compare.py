@@ -1,0 +1,93 @@
+"""``graspmap compare``: several evaluations side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from graspmap.cli.frame import option, output_file, output_folder, parse, teller, write_json
+from graspmap.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from graspmap.evaluation.compare import Comparison
+
+_MEASURES = {"success": "right at IoU", "iou": "mean overlap", "held": "held in trials"}
+
+
+@dataclass(frozen=True)
+class Compare:
+    """Set evaluations side by side: is one detector better than another, or is it chance?
+
+    Example:
+      graspmap compare reports/ggcnn2 reports/unet --out comparison
+
+    Each DIR is what `graspmap evaluate --out` or `graspmap trial --out` wrote, all of one data set
+    and one protocol. Any two are compared on the scenes that both have: right or wrong and held or
+    not by McNemar's exact test, overlap (and all of them where objects are what is independent) by
+    random changes of sign; the interval of the difference is the paired bootstrap's. p values
+    that allow for the number of pairs (Holm) stand beside. With four or more that have trials:
+    how well overlap foretells them (Pearson, Spearman).
+    """
+
+    folders: Annotated[tyro.conf.Positional[tuple[Path, ...]], option("DIR")]
+    """Folders to compare, two or more."""
+    confidence: Annotated[float, option("P", "default: 0.95")] = 0.95
+    """Confidence of the intervals."""
+    seed: Annotated[int, option("N", "default: 0")] = 0
+    """Seed of the intervals."""
+    out: Annotated[Path | None, option("DIR")] = None
+    """Folder for comparison.html, comparison.csv and comparison.json."""
+    json: Annotated[Path | None, option("F")] = None
+    """Write the comparison as JSON to this file, - for standard output."""
+
+
+def run(argv: Sequence[str]) -> int:
+    """Run ``graspmap compare``."""
+    flags = parse(Compare, argv, "graspmap compare")
+    if not 0 < flags.confidence < 1:
+        raise InvalidInputError("--confidence", flags.confidence, "above 0 and below 1")
+    if flags.seed < 0:
+        raise InvalidInputError("--seed", flags.seed, "0 or more")
+    if flags.out is not None:
+        output_folder(flags.out, "--out")
+    output_file(flags.json, "--json")
+    from graspmap.evaluation.compare import compare_runs
+
+    comparison = compare_runs(flags.folders, seed=flags.seed, confidence=flags.confidence)
+    tell = teller(flags.json)
+    _tell(comparison, tell)
+    if flags.out is not None:
+        from graspmap.evaluation.report.comparison_page import write_comparison
+
+        tell("  written: " + ", ".join(map(str, write_comparison(comparison, flags.out))))
+    write_json(comparison.to_dict(), flags.json)
+    return 0
+
+
+def _tell(comparison: Comparison, tell: Callable[[str], None]) -> None:
+    width = max(map(len, comparison.runs))
+    tell(f"{len(comparison.runs)} evaluations of {next(iter(comparison.runs.values())).data}")
+    for name, found in comparison.runs.items():
+        parts = [
+            f"IoU {t} {share:.1%}" for t, share in (found.summary.get("success") or {}).items()
+        ]
+        if found.summary.get("trials"):
+            parts.append(f"held {found.summary['trials']['success']:.1%}")
+        tell(f"  {name:<{width}}  {', '.join(parts)}")
+    for pair in comparison.pairs:
+        result = pair.result
+        low, high = result.interval
+        tell(
+            f"  {pair.a} - {pair.b}, {_MEASURES[pair.measure]}: {result.difference:+.3f} "
+            f"({low:+.3f} to {high:+.3f}), p = {result.p_value:.2g}, "
+            f"of all pairs {pair.p_adjusted:.2g}, {result.scenes} scenes"
+        )
+    for name, c in comparison.correlations.items():
+        if c.pearson is None or c.spearman is None:
+            tell(f"  {name} and trials: the same in all, so no correlation")
+        else:
+            tell(f"  {name} and trials: Pearson {c.pearson:.2f}, Spearman {c.spearman:.2f}")

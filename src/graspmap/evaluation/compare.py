@@ -1,0 +1,242 @@
+"""Several evaluations side by side: paired tests, and whether offline measures foretell trials.
+
+Letters in shapes: S scenes, P pairs.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from graspmap.errors import InvalidInputError
+from graspmap.evaluation.run_folder import MeasuredScene, RunFolder, read_run_folder
+from graspmap.metrics.correlation import Correlation, correlate
+from graspmap.metrics.paired import PairedComparison, compare_paired
+
+_LEAST_MODELS = 4  # a correlation over fewer says nothing
+_SHOWN = ("data", "protocol", "scenes", "success", "interval", "miou", "miou_interval", "auc")
+_TRIALS_SHOWN = ("trials", "held", "success", "interval", "robust_success", "robust_interval")
+
+Measure = Callable[[MeasuredScene], float | None]
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two runs by one measure, on the scenes that both have.
+
+    Attributes:
+        a: Name of the first.
+        b: Name of the second.
+        measure: ``success`` (right at the lowest threshold), ``iou`` or ``held``.
+        result: Difference a - b, interval, p value.
+        p_adjusted: The p value among all pairs of this measure, by Holm's method: the more pairs
+            one looks at, the more differ by chance.
+    """
+
+    a: str
+    b: str
+    measure: str
+    result: PairedComparison
+    p_adjusted: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        names = {"a": self.a, "b": self.b, "measure": self.measure}
+        return {**names, **self.result.to_dict(), "p_adjusted": self.p_adjusted}
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Evaluations side by side.
+
+    Attributes:
+        runs: The evaluations by their name.
+        pairs: Each two of them, by each measure that both have.
+        correlations: Each offline measure with the success of trials, over the runs.
+        confidence: Of the intervals.
+        cluster: What the paired intervals take as independent.
+    """
+
+    runs: Mapping[str, RunFolder]
+    pairs: tuple[Pair, ...]
+    correlations: Mapping[str, Correlation]
+    confidence: float
+    cluster: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "confidence": self.confidence,
+            "cluster": self.cluster,
+            "runs": {name: _shown(run) for name, run in self.runs.items()},
+            "pairs": [pair.to_dict() for pair in self.pairs],
+            "correlations": {name: c.to_dict() for name, c in self.correlations.items()},
+        }
+
+
+def compare_runs(
+    folders: Sequence[Path | str], *, seed: int = 0, confidence: float = 0.95
+) -> Comparison:
+    """Compare evaluations of one data set under one protocol.
+
+    Args:
+        folders: What ``--out`` of ``graspmap evaluate`` or ``graspmap trial`` made, two or more.
+        seed: Of the intervals.
+        confidence: Of the intervals.
+
+    Raises:
+        InvalidInputError: Fewer than two folders, one of them twice, other data sets or protocols
+            among them, or no scene that all of them have.
+        FileError: A folder holds no evaluation, or a damaged one.
+
+    References:
+        S. Holm, A simple sequentially rejective multiple test procedure, Scandinavian Journal of
+        Statistics 6, 1979.
+    """
+    runs = _read(folders)
+    _check_alike(runs)
+    by_object = all(run.cluster == "object" for run in runs.values())
+    pairs: list[Pair] = []
+    for measure, get in _measures(runs).items():
+        rng = np.random.default_rng(seed)
+        found = {
+            (a, b): result
+            for a, b in itertools.combinations(runs, 2)
+            if (result := _compare(runs[a], runs[b], get, by_object, rng, confidence)) is not None
+        }
+        adjusted = holm([result.p_value for result in found.values()])
+        pairs += [
+            Pair(a, b, measure, result, p)
+            for ((a, b), result), p in zip(found.items(), adjusted, strict=True)
+        ]
+    return Comparison(
+        runs,
+        tuple(pairs),
+        _correlations(runs, confidence),
+        confidence,
+        "object" if by_object else "scene",
+    )
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """P values of several tests, so that any of them errs with the stated probability.
+
+    Args:
+        p_values: (P,) one for each test.
+
+    Returns:
+        (P,) adjusted, none below the one given.
+    """
+    adjusted, least = [0.0] * len(p_values), 0.0
+    for rank, i in enumerate(sorted(range(len(p_values)), key=lambda i: p_values[i])):
+        least = max(least, min(1.0, (len(p_values) - rank) * p_values[i]))
+        adjusted[i] = least
+    return adjusted
+
+
+def _read(folders: Sequence[Path | str]) -> dict[str, RunFolder]:
+    """The runs by name: as much of the end of their path as tells them apart."""
+    paths = [Path(folder).resolve() for folder in folders]
+    if len(paths) < 2:
+        raise InvalidInputError("folders to compare", len(paths), "two or more")
+    twice = [path for path in paths if paths.count(path) > 1]
+    if twice:
+        raise InvalidInputError("folders to compare", f"{twice[0]} twice", "each of them once")
+    length = 1
+    while len({path.parts[-length:] for path in paths}) < len(paths):
+        length += 1
+    return {str(Path(*path.parts[-length:])): read_run_folder(path) for path in paths}
+
+
+def _check_alike(runs: Mapping[str, RunFolder]) -> None:
+    for what, get in (("data set", _data), ("protocol", lambda run: run.protocol)):
+        found = {name: get(run) for name, run in runs.items() if get(run) is not None}
+        first = next(iter(found), "")
+        for name, value in found.items():
+            if value != found[first]:
+                raise InvalidInputError(
+                    f"{what} of {name}", value, f"{found[first]}, as of {first}: all must agree"
+                )
+    shared = set.intersection(*(set(run.scenes) for run in runs.values()))
+    if not shared:
+        counts = ", ".join(f"{len(run.scenes)} of {name}" for name, run in runs.items())
+        raise InvalidInputError("shared scenes", f"none among {counts}", "one or more")
+
+
+def _data(run: RunFolder) -> str:
+    kind, _, folder = run.data.partition(":")
+    return f"{kind}:{Path(folder).expanduser().resolve()}"
+
+
+def _measures(runs: Mapping[str, RunFolder]) -> dict[str, Measure]:
+    """What scenes are compared by, of a scene: a number, or None where it has none."""
+    thresholds = [run.summary["success"] for run in runs.values() if "success" in run.summary]
+    measures: dict[str, Measure] = {}
+    if len(thresholds) > 1:
+        first = min(thresholds[0], key=float)
+        measures["success"] = lambda scene: scene.right.get(first)
+        measures["iou"] = lambda scene: scene.iou
+    measures["held"] = lambda scene: scene.held
+    return measures
+
+
+def _compare(
+    a: RunFolder,
+    b: RunFolder,
+    get: Measure,
+    by_object: bool,
+    rng: np.random.Generator,
+    confidence: float,
+) -> PairedComparison | None:
+    """Two runs on the scenes that both have; None where there are none."""
+    first, second = [], []
+    groups: list[Hashable] = []
+    for name, scene in a.scenes.items():
+        other = b.scenes.get(name)
+        x, y = get(scene), None if other is None else get(other)
+        if x is not None and y is not None:
+            first.append(float(x))
+            second.append(float(y))
+            groups.append((True, scene.object_id) if scene.object_id else (False, name))
+    if not first:
+        return None
+    return compare_paired(
+        first, second, groups=groups if by_object else None, rng=rng, confidence=confidence
+    )
+
+
+def _correlations(runs: Mapping[str, RunFolder], confidence: float) -> dict[str, Correlation]:
+    """Each offline measure with the success of trials, over the runs that have both."""
+    both = [run.summary for run in runs.values() if "success" in run.summary]
+    both = [summary for summary in both if summary.get("trials")]
+    if len(both) < _LEAST_MODELS:
+        return {}
+    held = [summary["trials"]["success"] for summary in both]
+    measures = {
+        f"success at IoU {t}": [summary["success"].get(t) for summary in both]
+        for t in both[0]["success"]
+    }
+    measures["mean IoU"] = [summary["miou"] for summary in both]
+    measures["AUC"] = [summary["auc"] for summary in both]
+    return {
+        name: correlate(values, held, confidence=confidence)
+        for name, values in measures.items()
+        if None not in values
+    }
+
+
+def _shown(run: RunFolder) -> dict[str, Any]:
+    """What a comparison shows of a run."""
+    shown = {name: run.summary[name] for name in _SHOWN if name in run.summary}
+    trials = run.summary.get("trials")
+    if trials:
+        shown["trials"] = {name: trials[name] for name in _TRIALS_SHOWN if name in trials}
+    for name in ("detector", "curve"):
+        if run.summary.get(name):
+            shown[name] = run.summary[name]
+    return {"folder": str(run.folder), **shown, "data": run.data}
