@@ -222,7 +222,9 @@ def test_evaluate_weights_and_baseline(capsys, weights, scenes, tmp_path):
     assert summary["scenes"] == 2
     assert set(summary["success"]) == {"0.25", "0.30", "0.50", "0.75"}
     assert summary["per_scene"] == str(tmp_path / "e" / "per_scene.csv")
-    assert summary["baseline"]["scenes"] == 2
+    assert summary["baselines"]["centre"]["scenes"] == 2
+    assert summary["detector"]["network"] == "ggcnn2"
+    assert json.loads((tmp_path / "e" / "evaluation.json").read_text()) == summary
     assert "always the centre" in out
 
 

@@ -13,7 +13,7 @@ from graspmap.errors import FileError, InvalidInputError
 from graspmap.evaluation import Evaluation, SceneResult
 from graspmap.evaluation.results import threshold_key
 from graspmap.geometry.grasps import Grasps
-from graspmap.metrics import find_protocol, score_rectangles
+from graspmap.metrics import ANGLES_DEG, find_protocol, score_rectangles
 
 OVERLAPS = (1.0, 0.2, 0.26, 0.9, 0.0)
 GRASP = Grasps([[10.25, 20.5]], [0.1], [30.0], [15.0], [0.7])
@@ -21,9 +21,16 @@ GRASP = Grasps([[10.25, 20.5]], [0.1], [30.0], [15.0], [0.7])
 
 def evaluation(protocol: str = "strict") -> Evaluation:
     """Five scenes; the last has no prediction, and a sixth was left out."""
+    found = zip(OVERLAPS, [GRASP] * 4 + [Grasps.empty()], strict=True)
     results = tuple(
-        SceneResult(f"scene{i}", None if i == 1 else f"object{i // 2}", grasp, iou)
-        for i, (iou, grasp) in enumerate(zip(OVERLAPS, [GRASP] * 4 + [Grasps.empty()], strict=True))
+        SceneResult(
+            f"scene{i}",
+            None if i == 1 else f"object{i // 2}",
+            grasp,
+            np.full(len(grasp), iou),
+            np.where(np.array(ANGLES_DEG) < 20, 0.0, iou),
+        )
+        for i, (iou, grasp) in enumerate(found)
     )
     score = score_rectangles(OVERLAPS, rng=np.random.default_rng(0))
     return Evaluation("fake:nowhere", find_protocol(protocol), score, results, ("scene5",))
@@ -44,6 +51,21 @@ def test_summary_keys_and_json():
     assert summary["without_prediction"] == ["scene4"]
     assert summary["without_labels"] == ["scene5"]
     assert got.to_dict()["per_scene"] is None
+    assert summary["angles"] == {str(a): 0.6 if a >= 20 else 0.0 for a in ANGLES_DEG}
+
+
+def test_the_curve_counts_at_every_hundredth():
+    curve = evaluation().curve()
+    assert len(curve["thresholds"]) == len(curve["success"]) == 101
+    counted = [sum(overlap > t for overlap in OVERLAPS) / 5 for t in curve["thresholds"]]
+    assert curve["success"] == pytest.approx(counted)
+    # The area under it is the mean overlap, to half a step.
+    assert np.mean(curve["success"]) == pytest.approx(0.472, abs=0.01)
+
+
+def test_rows_say_how_the_trials_ended():
+    rows = evaluation().rows({"scene0": "held", "scene2": "slipped"})
+    assert [row["outcome"] for row in rows] == ["held", None, "slipped", None, None]
 
 
 def test_threshold_keys_do_not_collide():

@@ -1,22 +1,29 @@
-"""``graspmap evaluate``: weights or predictions against labelled grasps."""
+"""``graspmap evaluate``: weights or predictions against labelled grasps, and in trials."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
 
 from graspmap.cli.frame import option, output_file, output_folder, parse, teller, write_json
 from graspmap.cli.progress import progress
-from graspmap.cli.selection import select
+from graspmap.cli.selection import Selection, select
+from graspmap.cli.trial_flags import TrialFlags
 from graspmap.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from graspmap.data import Scenes
-    from graspmap.data.split import Split
-    from graspmap.evaluation import Evaluation
-    from graspmap.inference import Detector
+    from graspmap.evaluation import Evaluation, TrialEvaluation
+    from graspmap.geometry import Grasps
+    from graspmap.metrics import RectangleProtocol
+
+# What other flags say how grasps are tried.
+_TRIAL_FLAGS = ("gripper", "trial_depth", "camera", "shake", "perturb", "repeats", "workers")
 
 
 @dataclass(frozen=True)
@@ -26,6 +33,9 @@ class Evaluate:
     Examples:
       graspmap evaluate --data cornell:DIR --weights runs/a/weights.safetensors --split test
       graspmap evaluate --data jacquard:DIR --predictions predictions.txt --out report
+      graspmap evaluate --data jacquard:DIR --weights W --split test --trials --top 5 --out report
+      graspmap evaluate --data cornell:DIR --weights W --split test --protocol all
+      graspmap evaluate egad --help          the trials of EGAD's meshes
 
     A grasp is right when it overlaps a label of a similar angle (30 degrees) by more than the
     threshold. A predictions file has two lines a scene: its id, then x;y;theta;opening;jaw with
@@ -45,10 +55,16 @@ class Evaluate:
     split: Annotated[str | None, option("NAME", "default: all scenes")] = None
     """Part of the data: test, validation or train of the split.json beside the weights, or
     FILE.json:NAME."""
-    protocol: Annotated[Literal["strict", "ggcnn", "orange"], option("P", "default: strict")] = (
-        "strict"
-    )
-    """How grasps are read and counted: strict, or as others do: ggcnn, orange."""
+    protocol: Annotated[
+        Literal["strict", "ggcnn", "orange", "all"], option("P", "default: strict")
+    ] = "strict"
+    """How grasps are read and counted: strict, or as others do: ggcnn, orange. all: strict, with
+    the others and what each of their habits changes beside it."""
+    top: Annotated[int, option("K", "default: 1")] = 1
+    """How many grasps of a scene are judged: in how many scenes is one of the first K right?"""
+    trials: bool = False
+    """Try the grasps in simulated physics as well, as `graspmap trial` does: success, outcomes, by
+    object and difficulty, and whether quality is the probability that a grasp holds."""
     depth: Annotated[
         str | None, option("NAME", "default: that of the training, else perfect or z")
     ] = None
@@ -64,21 +80,21 @@ class Evaluate:
     device: Annotated[str, option("NAME", "default: cpu")] = "cpu"
     """Where the network runs: cpu, cuda, ..."""
     out: Annotated[Path | None, option("DIR")] = None
-    """Folder for evaluation.json, per_scene.csv and, of weights, predictions.txt."""
+    """Folder for the report (report.html, evaluation.json, per_scene.csv), of weights also
+    predictions.txt, of trials trials.json and per_grasp.csv."""
     json: Annotated[Path | None, option("F")] = None
     """Write the summary as JSON to this file, - for standard output."""
+    trial: Annotated[TrialFlags, tyro.conf.OmitArgPrefixes] = field(default_factory=TrialFlags)
 
 
 def run(argv: Sequence[str]) -> int:
     """Run ``graspmap evaluate``."""
+    if list(argv[:1]) == ["egad"]:
+        from graspmap.cli import evaluate_egad
+
+        return evaluate_egad.run(argv[1:])
     flags = parse(Evaluate, argv, "graspmap evaluate")
-    if (flags.weights is None) == (flags.predictions is None):
-        raise InvalidInputError("--weights and --predictions", "not one of the two", "exactly one")
-    if flags.out is not None:
-        output_folder(flags.out, "--out")
-    output_file(flags.json, "--json", keep=[flags.weights, flags.predictions])
-    if flags.seed < 0:
-        raise InvalidInputError("--seed", flags.seed, "0 or more")
+    _check(flags)
     chosen = select(
         flags.data,
         depth=flags.depth,
@@ -86,49 +102,192 @@ def run(argv: Sequence[str]) -> int:
         weights=flags.weights,
         device=flags.device,
     )
-    scenes, split, detector = chosen.scenes, chosen.split, chosen.detector
-    result = _measure(flags, detector, scenes, chosen.everything)
-    if flags.out is not None and detector is not None:
-        _write_predictions(flags.out / "predictions.txt", result, scenes)
-    summary = result.to_dict() if flags.out is None else result.write(flags.out)
+    predictions = None if flags.predictions is None else _predictions(flags.predictions)
+    result = _measure(flags, chosen, predictions)
     _tell(flags, result)
+    sections: dict[str, Any] = {"detector": _detector(flags, chosen)}
     if flags.baseline:
-        base = _baseline(flags, scenes, chosen.everything, split)
-        summary = {**summary, "baseline": base.to_dict()}
-    if split is not None:
-        summary = {**summary, "split": {"part": chosen.part, "hash": split.hash}}
-    write_json(summary, flags.json)
+        sections["baselines"] = {"centre": _baseline(flags, chosen)}
+    tried = None
+    if flags.trials:
+        tried = _trials(flags, chosen, predictions)
+        sections |= tried.sections
+    if chosen.split is not None:
+        sections["split"] = {"part": chosen.part, "hash": chosen.split.hash}
+    write_json(_write(flags, chosen, result, sections, tried), flags.json)
     return 0
 
 
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """Trials, the scenes that they were made on, and what the summary says of them."""
+
+    trials: TrialEvaluation
+    scenes: Scenes
+    sections: dict[str, Any]
+
+
+def _check(flags: Evaluate) -> None:
+    if (flags.weights is None) == (flags.predictions is None):
+        raise InvalidInputError("--weights and --predictions", "not one of the two", "exactly one")
+    if flags.out is not None:
+        output_folder(flags.out, "--out")
+    output_file(flags.json, "--json", keep=[flags.weights, flags.predictions])
+    for name, value, least in (("--seed", flags.seed, 0), ("--top", flags.top, 1)):
+        if value < least:
+            raise InvalidInputError(name, value, f"{least} or more")
+    flags.trial.check()
+    unused = [name for name in _TRIAL_FLAGS if getattr(flags.trial, name)]
+    if unused and not flags.trials:
+        flag = "--" + unused[0].replace("_", "-")
+        raise InvalidInputError(flag, getattr(flags.trial, unused[0]), "only with --trials")
+
+
+def _predictions(path: Path) -> dict[str, Grasps]:
+    from graspmap.data import read_predictions
+
+    return read_predictions(path)
+
+
 def _measure(
-    flags: Evaluate, detector: Detector | None, scenes: Scenes, everything: Scenes
+    flags: Evaluate, chosen: Selection, predictions: dict[str, Grasps] | None
 ) -> Evaluation:
     from graspmap.evaluation import evaluate_detector, evaluate_predictions
 
-    if detector is None:
-        from graspmap.data import read_predictions
-
-        assert flags.predictions is not None  # run() saw to it
-        with progress("evaluating") as update:
-            return evaluate_predictions(
-                read_predictions(flags.predictions),
-                scenes,
-                known_ids=everything.ids,
-                protocol=flags.protocol,
+    protocol, also = _protocols(flags, finished=predictions is not None)
+    with progress("evaluating") as update:
+        if chosen.detector is not None:
+            return evaluate_detector(
+                chosen.detector,
+                chosen.scenes,
+                protocol=protocol,
+                also=also,
+                top=flags.top,
                 cluster=flags.cluster,
                 seed=flags.seed,
                 progress=update,
             )
-    with progress("evaluating") as update:
-        return evaluate_detector(
-            detector,
-            scenes,
-            protocol=flags.protocol,
+        assert predictions is not None  # there is one of the two
+        return evaluate_predictions(
+            predictions,
+            chosen.scenes,
+            known_ids=chosen.everything.ids,
+            protocol=protocol,
+            also=also,
+            top=flags.top,
             cluster=flags.cluster,
             seed=flags.seed,
             progress=update,
         )
+
+
+def _protocols(flags: Evaluate, *, finished: bool) -> tuple[str, list[RectangleProtocol]]:
+    """The protocol, and what is counted beside it; finished grasps can't be read another way."""
+    from graspmap.metrics import PROTOCOLS, QUIRKS
+
+    if flags.protocol != "all":
+        return flags.protocol, []
+    others = [p for p in PROTOCOLS.values() if p.name != "strict"]
+    quirks = [q for q in QUIRKS.values() if not (finished and q.needs_detector)]
+    return "strict", [*others, *quirks]
+
+
+def _detector(flags: Evaluate, chosen: Selection) -> dict[str, Any]:
+    """What was measured."""
+    if chosen.detector is None:
+        return {"kind": "predictions", "file": str(flags.predictions)}
+    from graspmap.networks import multiply_adds, parameter_count
+
+    card, network = chosen.detector.card, chosen.detector.network
+    return {
+        "kind": "weights",
+        "file": str(flags.weights),
+        "network": card.network,
+        "channels": card.channels,
+        "bins": card.bins,
+        "size": card.size,
+        "parameters": parameter_count(network),
+        "multiply_adds": multiply_adds(network, card.size, card.size),
+    }
+
+
+def _trials(flags: Evaluate, chosen: Selection, predictions: dict[str, Grasps] | None) -> _Tried:
+    """The same scenes in physics."""
+    from graspmap.data import read_scenes
+    from graspmap.evaluation import file_predictions, predict_scenes, try_grasps
+    from graspmap.evaluation.sections import calibration_section, trials_section
+
+    plan = flags.trial.plan(top=flags.top, seed=flags.seed)
+    if predictions is not None:
+        todo = file_predictions(predictions, chosen.scenes, chosen.everything.ids)
+    else:
+        assert chosen.detector is not None  # there is one of the two
+        with progress("detecting what the gripper can open for") as update:
+            todo = predict_scenes(
+                chosen.detector, chosen.scenes, top=flags.top, gripper=plan.gripper, progress=update
+            )
+    # Exact depth, whatever the network saw: it says where things really are.
+    scenes = read_scenes(flags.data, depth=flags.trial.trial_depth).subset(chosen.scenes.ids)
+    start = time.perf_counter()
+    with progress("trying grasps, scenes", per_hour="scenes") as update:
+        trials = try_grasps(
+            todo.grasps,
+            scenes,
+            plan,
+            skipped=todo.skipped,
+            cluster=flags.cluster,
+            workers=flags.trial.processes,
+            folder=flags.out,
+            progress=update,
+        )
+    sections = {"trials": trials_section(trials, scenes, time.perf_counter() - start)}
+    _tell_trials(flags, sections["trials"])
+    if predictions is None:  # a predictions file has no quality
+        sections["calibration"] = calibration_section(trials)
+        found = sections["calibration"]
+        low, high = found["ece_interval"]
+        teller(flags.json)(
+            f"  quality as the probability that it holds: expected calibration error "
+            f"{found['ece']:.3f} ({low:.3f} to {high:.3f}), Brier score {found['brier']:.3f}"
+        )
+    return _Tried(trials, scenes, sections)
+
+
+def _write(
+    flags: Evaluate,
+    chosen: Selection,
+    result: Evaluation,
+    sections: dict[str, Any],
+    tried: _Tried | None,
+) -> dict[str, Any]:
+    """The summary; with ``--out`` the folder with the report, too."""
+    if flags.out is None:
+        return {**result.to_dict(), **sections}
+    from graspmap.evaluation import write_trials
+    from graspmap.evaluation.report.gallery import make_gallery
+    from graspmap.evaluation.report.page import write_report
+    from graspmap.evaluation.sections import outcomes_by_scene
+
+    trials = None if tried is None else tried.trials
+    if chosen.detector is not None:
+        _write_predictions(flags.out / "predictions.txt", result, chosen.scenes)
+    if trials is not None:
+        write_trials(trials, flags.out)
+    outcomes = None if trials is None else outcomes_by_scene(trials)
+    summary = result.write(flags.out, sections, outcomes)
+    with progress("drawing the report") as update:
+        gallery = make_gallery(
+            result,
+            chosen.scenes,
+            detector=chosen.detector,
+            trials=trials,
+            trial_scenes=None if tried is None else tried.scenes,
+            seed=flags.seed,
+            progress=update,
+        )
+    report = write_report(flags.out, summary, gallery)
+    teller(flags.json)(f"  see {report}")
+    return summary
 
 
 def _write_predictions(path: Path, result: Evaluation, scenes: Scenes) -> None:
@@ -140,24 +299,25 @@ def _write_predictions(path: Path, result: Evaluation, scenes: Scenes) -> None:
     write_predictions(path, to_predictions(result, scenes), size_px=JACQUARD_SIDE_PX)
 
 
-def _baseline(
-    flags: Evaluate, scenes: Scenes, everything: Scenes, split: Split | None
-) -> Evaluation:
+def _baseline(flags: Evaluate, chosen: Selection) -> dict[str, Any]:
     """The centre grasp; angle and opening are those of the training labels where a split says."""
     from graspmap.evaluation import center_grasp_baseline, evaluate_detector
 
+    split = chosen.split
     known = split is not None and "train" in split.parts
-    training = split.subset(everything, "train") if known and split is not None else scenes
+    training = (
+        split.subset(chosen.everything, "train") if known and split is not None else chosen.scenes
+    )
     result = evaluate_detector(
         center_grasp_baseline(training),
-        scenes,
-        protocol=flags.protocol,
+        chosen.scenes,
+        protocol="strict" if flags.protocol == "all" else flags.protocol,
         cluster=flags.cluster,
         seed=flags.seed,
     )
     source = "the training labels" if known else "these very labels"
     _tell(flags, result, f"always the centre, angle and opening from {source}: ")
-    return result
+    return result.to_dict()
 
 
 def _tell(flags: Evaluate, result: Evaluation, title: str = "") -> None:
@@ -174,3 +334,18 @@ def _tell(flags: Evaluate, result: Evaluation, title: str = "") -> None:
     tell(f"  mean IoU {score.miou:.3f}, AUC {score.auc:.3f}")
     if result.without_prediction:
         tell(f"  {len(result.without_prediction)} scenes without a prediction count as failures")
+    for quirk in result.others:
+        share = quirk.score.success[min(quirk.score.success)]
+        tell(f"  as {quirk.protocol.name}: {share:.1%} ({quirk.protocol.summary})")
+
+
+def _tell_trials(flags: Evaluate, section: dict[str, Any]) -> None:
+    tell = teller(flags.json)
+    low, high = section["interval"]
+    tell(
+        f"in trials: {section['held']} of {section['trials']} held, {section['success']:.1%} "
+        f"(95% interval {low:.1%} to {high:.1%}); {section['seconds']:.0f} s"
+    )
+    tell("  outcomes: " + ", ".join(f"{name} {n}" for name, n in section["outcomes"].items()))
+    for level, score in section.get("per_difficulty", {}).items():
+        tell(f"  {level}: {score['held']} of {score['trials']}, {score['success']:.1%}")

@@ -3,32 +3,24 @@
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from graspmap.cli.frame import (
-    numbers,
-    option,
-    output_file,
-    output_folder,
-    parse,
-    teller,
-    write_json,
-)
+import tyro
+
+from graspmap.cli.frame import option, output_file, output_folder, parse, teller, write_json
 from graspmap.cli.progress import progress
 from graspmap.cli.selection import Selection, select
+from graspmap.cli.trial_flags import TrialFlags
 from graspmap.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from graspmap.data import Scenes
     from graspmap.evaluation import GraspsToTry, TrialEvaluation, TrialPlan
-    from graspmap.simulation.trial import Perturbation
 
 _LOG = logging.getLogger(__name__)
-_REPEATS = 10
 _RANKS = 10
 _WORST = 5
 """Objects that are named as the hardest."""
@@ -62,37 +54,19 @@ class Trial:
     """Predictions file whose grasps are tried instead."""
     labels: bool = False
     """Try the labels themselves instead."""
-    gripper: Annotated[str | None, option("G", "default: that of the data, else jacquard")] = None
-    """Name of a profile (`graspmap gripper list`) or a YAML file."""
     top: Annotated[int | None, option("K", "default: 1; all with --labels")] = None
     """How many grasps of a scene are tried, best first; of labels, drawn by --seed."""
-    jaw: Annotated[str, option("nearest|given|MM", "default: nearest")] = "nearest"
-    """Jaw size: the gripper's nearest to the predicted one, the predicted one itself, or one size
-    for all in millimetres."""
     split: Annotated[str | None, option("NAME", "default: all scenes")] = None
     """Part of the data: test, validation or train of the split.json beside the weights (or in the
     data's folder), or FILE.json:NAME."""
     depth: Annotated[str | None, option("NAME", "default: that of the training")] = None
     """Which depth the network sees: perfect or stereo (jacquard), z or range (cornell)."""
-    trial_depth: Annotated[str | None, option("NAME", "default: perfect or z")] = None
-    """Which depth places the grasps, and rebuilds scenes that have no record."""
-    camera: Annotated[Path | None, option("F", "default: that of the data")] = None
-    """Camera file for pictures that come without (JSON or YAML: fx, fy, cx, cy, width, height)."""
-    shake: bool = False
-    """Shake the gripper after the lift: weak grips lose."""
-    perturb: Annotated[str | None, option("MM,DEG[,FRICTION,MASS]", "default: none")] = None
-    """Standard deviations of the grasp's place (mm), its angle (degrees), and, relative, of
-    friction and mass: 2,2,0.1,0.1. Gives the robust success as well."""
-    repeats: Annotated[int | None, option("N", f"default: {_REPEATS}")] = None
-    """Perturbed repeats of each grasp."""
     cluster: Annotated[Literal["scene", "object"], option("scene|object", "default: scene")] = (
         "scene"
     )
     """What the interval takes as independent."""
     seed: Annotated[int, option("N", "default: 0")] = 0
     """Seed of the perturbation, of the drawn labels and of the interval."""
-    workers: Annotated[int, option("N", "default: number of cores")] = 0
-    """Processes; the result does not depend on it."""
     device: Annotated[str, option("NAME", "default: cpu")] = "cpu"
     """Where the network runs: cpu, cuda, ..."""
     animate: Annotated[Path | None, option("DIR")] = None
@@ -101,19 +75,25 @@ class Trial:
     """Folder for trials.json, per_grasp.csv and, of weights, predictions.txt."""
     json: Annotated[Path | None, option("F")] = None
     """Write the summary and every grasp as JSON to this file, - for standard output."""
+    trial: Annotated[TrialFlags, tyro.conf.OmitArgPrefixes] = field(default_factory=TrialFlags)
 
 
 def run(argv: Sequence[str]) -> int:
     """Run ``graspmap trial``."""
     flags = parse(Trial, argv, "graspmap trial")
     _check(flags)
-    plan = _plan(flags)
+    plan = flags.trial.plan(
+        # Of labels, those to try are drawn before.
+        top=None if flags.labels else flags.top or 1,
+        seed=flags.seed,
+        labels=flags.labels,
+    )
     chosen, todo = _grasps(flags, plan)
     from graspmap.data import read_scenes
     from graspmap.evaluation import write_trials
 
     # Exact depth, whatever the network saw: it says where things really are.
-    scenes = read_scenes(flags.data, depth=flags.trial_depth).subset(chosen.scenes.ids)
+    scenes = read_scenes(flags.data, depth=flags.trial.trial_depth).subset(chosen.scenes.ids)
     if flags.out is not None and flags.weights is not None:
         _write_predictions(flags.out / "predictions.txt", todo, scenes)
     result = _try(flags, plan, scenes, todo)
@@ -142,74 +122,15 @@ def _check(flags: Trial) -> None:
         )
     for name, value, least in (
         ("--seed", flags.seed, 0),
-        ("--repeats", flags.repeats, 1),
         ("--top", flags.top, 1),
-        ("--workers", flags.workers, 0),
     ):
         if value is not None and value < least:
             raise InvalidInputError(name, value, f"{least} or more")
-    if flags.repeats is not None and flags.perturb is None:
-        raise InvalidInputError(
-            "--repeats", flags.repeats, "only with --perturb: repeats are all the same without"
-        )
+    flags.trial.check()
     for folder, flag in ((flags.out, "--out"), (flags.animate, "--animate")):
         if folder is not None:
             output_folder(folder, flag)
-    output_file(flags.json, "--json", keep=[flags.weights, flags.predictions, flags.camera])
-
-
-def _plan(flags: Trial) -> TrialPlan:
-    from graspmap.evaluation import TrialPlan
-    from graspmap.geometry import Camera
-    from graspmap.gripper import load_gripper
-    from graspmap.simulation.trial import Shake
-
-    return TrialPlan(
-        gripper=None if flags.gripper is None else load_gripper(flags.gripper),
-        # Of labels, those to try are drawn before.
-        top=None if flags.labels else flags.top or 1,
-        ranked=not flags.labels,
-        jaw=_jaw(flags.jaw),
-        distinct=flags.labels,
-        shake=Shake() if flags.shake else None,
-        perturbation=None if flags.perturb is None else _perturbation(flags.perturb),
-        repeats=1 if flags.perturb is None else flags.repeats or _REPEATS,
-        camera=None if flags.camera is None else Camera.read(flags.camera),
-        seed=flags.seed,
-    )
-
-
-def _jaw(text: str) -> Literal["nearest", "given"] | float:
-    if text == "nearest":
-        return "nearest"
-    if text == "given":
-        return "given"
-    try:
-        size_m = float(text) / 1000
-    except ValueError:
-        size_m = 0.0
-    if not 0 < size_m <= 1:
-        raise InvalidInputError("--jaw", repr(text), "nearest, given, or millimetres above 0")
-    return size_m
-
-
-def _perturbation(text: str) -> Perturbation:
-    import math
-
-    from graspmap.simulation.trial import Perturbation
-
-    names = "MM,DEG" if len(text.split(",")) == 2 else "MM,DEG,FRICTION,MASS"
-    values = (*numbers(text, names, "--perturb"), 0.0, 0.0)
-    try:
-        return Perturbation(
-            position_m=values[0] / 1000,
-            angle_rad=math.radians(values[1]),
-            friction=values[2],
-            mass=values[3],
-        )
-    except InvalidInputError as error:
-        problem = f"{text!r}, so {error.name} is {error.found}"
-        raise InvalidInputError("--perturb", problem, f"{error.allowed} there") from error
+    output_file(flags.json, "--json", keep=[flags.weights, flags.predictions, flags.trial.camera])
 
 
 def _grasps(flags: Trial, plan: TrialPlan) -> tuple[Selection, GraspsToTry]:
@@ -254,7 +175,6 @@ def _grasps(flags: Trial, plan: TrialPlan) -> tuple[Selection, GraspsToTry]:
 def _try(flags: Trial, plan: TrialPlan, scenes: Scenes, todo: GraspsToTry) -> TrialEvaluation:
     from graspmap.evaluation import try_grasps
 
-    workers = flags.workers or os.cpu_count() or 1
     with progress("trying grasps, scenes", per_hour="scenes") as update:
         return try_grasps(
             todo.grasps,
@@ -262,7 +182,7 @@ def _try(flags: Trial, plan: TrialPlan, scenes: Scenes, todo: GraspsToTry) -> Tr
             plan,
             skipped=todo.skipped,
             cluster=flags.cluster,
-            workers=workers,
+            workers=flags.trial.processes,
             folder=flags.out,
             progress=update,
         )

@@ -1,14 +1,18 @@
 """Detectors and prediction files against the labels of a data set.
 
-One grasp a scene is judged, the best. A scene without a prediction is a failure; a scene without
-a labelled rectangle is skipped, because the metric has nothing to say about it.
+The best grasp of a scene is judged; the next ones only say in how many scenes one of the first k
+is right. A scene without a prediction is a failure; a scene without a labelled rectangle is
+skipped, because the metric has nothing to say about it.
 """
 
 from __future__ import annotations
 
 import difflib
 import logging
-from collections.abc import Callable, Collection, Mapping, Sequence
+import math
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from inspect import signature
 from typing import Any, Literal, Protocol
 
@@ -16,20 +20,29 @@ import numpy as np
 
 from graspmap.data.jacquard import JACQUARD_SIDE_PX
 from graspmap.data.png import png_shape
-from graspmap.data.scene import Depth, Rgb, Scenes
+from graspmap.data.scene import Depth, Rgb, Scene, Scenes
 from graspmap.errors import InvalidInputError
-from graspmap.evaluation.results import Evaluation, SceneResult
+from graspmap.evaluation.results import Evaluation, SceneResult, object_groups
+from graspmap.evaluation.views import look
 from graspmap.geometry.affine import resize
 from graspmap.geometry.grasps import Grasps
 from graspmap.gripper import Gripper
 from graspmap.metrics.protocols import Decoding, RectangleProtocol, find_protocol
-from graspmap.metrics.rectangle import THRESHOLDS, best_overlap, score_rectangles
+from graspmap.metrics.rectangle import (
+    ANGLES_DEG,
+    MAX_ANGLE,
+    THRESHOLDS,
+    overlap_by_angle,
+    score_rectangles,
+)
 
 Jaw = Literal["half", "given"]
 Cluster = Literal["scene", "object"]
 Progress = Callable[[int, int], object]
 """Called with the scenes done and the scenes in all."""
 
+_TOLERANCES = tuple(np.radians(ANGLES_DEG).tolist())
+_CUSTOMARY = ANGLES_DEG.index(round(math.degrees(MAX_ANGLE)))
 _LOG = logging.getLogger(__name__)
 
 
@@ -60,6 +73,8 @@ def evaluate_detector(
     scenes: Scenes,
     *,
     protocol: str | RectangleProtocol = "strict",
+    also: Sequence[str | RectangleProtocol] = (),
+    top: int = 1,
     thresholds: Sequence[float] = THRESHOLDS,
     confidence: float = 0.95,
     cluster: Cluster = "scene",
@@ -67,12 +82,15 @@ def evaluate_detector(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Evaluation:
-    """Let a detector look at every labelled scene and judge its best grasp.
+    """Let a detector look at every labelled scene and judge its best grasps.
 
     Args:
         detector: Sees colour and depth of the scene, never its mask or labels.
         scenes: The data set, or a part of it.
         protocol: Name of a protocol, see `graspmap.metrics.PROTOCOLS`.
+        also: Further protocols (or quirks) to judge by beside it; the detector looks at a scene
+            once for each way to see it and to read its maps.
+        top: How many grasps of a scene are judged.
         thresholds: Overlaps at which success is reported.
         confidence: Confidence of the intervals.
         cluster: What the intervals take as independent; ``object`` for claims about new objects.
@@ -86,12 +104,21 @@ def evaluate_detector(
             names it), or an option is not allowed.
         FileError: A file of a scene is missing or damaged.
     """
-    chosen = find_protocol(protocol)
+    chosen, *others = map(find_protocol, (protocol, *also))
+    options = _Options(thresholds, confidence, cluster, jaw, seed, top)
 
-    def predict(index: int) -> Grasps:
-        return detect_in(detector, scenes, index, top=1, method=chosen.decoding)
+    def predict(index: int) -> Callable[[RectangleProtocol], Grasps]:
+        scene, known = scenes.read(index), dict[tuple[str, str], Grasps]()
 
-    return _evaluate(predict, scenes, chosen, thresholds, confidence, cluster, jaw, seed, progress)
+        def grasps(by: RectangleProtocol) -> Grasps:
+            if (by.view, by.decoding) not in known:
+                found = _detect(detector, scene, scenes, index, by, top, seed)
+                known[by.view, by.decoding] = found
+            return known[by.view, by.decoding]
+
+        return grasps
+
+    return _evaluate(predict, scenes, chosen, others, options, progress)
 
 
 def evaluate_predictions(
@@ -100,6 +127,8 @@ def evaluate_predictions(
     *,
     known_ids: Collection[str] | None = None,
     protocol: str | RectangleProtocol = "strict",
+    also: Sequence[str | RectangleProtocol] = (),
+    top: int = 1,
     thresholds: Sequence[float] = THRESHOLDS,
     confidence: float = 0.95,
     cluster: Cluster = "scene",
@@ -107,7 +136,7 @@ def evaluate_predictions(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Evaluation:
-    """Judge grasps that somebody predicted, the first of each scene.
+    """Judge grasps that somebody predicted.
 
     Args:
         predictions: Grasps by scene id, best first, as `graspmap.data.read_predictions` gives
@@ -117,6 +146,8 @@ def evaluate_predictions(
         known_ids: Scenes that may be predicted beside those of ``scenes``: the ids of the whole
             data set where a part of it is judged. Their predictions are left out.
         protocol: Its way to count; how the grasps were decoded is no longer known.
+        also: Further protocols to count by.
+        top: How many grasps of a scene are judged, the first ones of the file.
         thresholds: Overlaps at which success is reported.
         confidence: Confidence of the intervals.
         cluster: What the intervals take as independent.
@@ -130,13 +161,15 @@ def evaluate_predictions(
         FileError: A file of a scene is missing or damaged.
     """
     check_ids(predictions, scenes, known_ids or ())
-    chosen = find_protocol(protocol)
+    chosen, *others = map(find_protocol, (protocol, *also))
+    options = _Options(thresholds, confidence, cluster, jaw, seed, top)
 
-    def predict(index: int) -> Grasps:
-        grasps = predictions.get(scenes.ids[index], Grasps.empty())[:1]
-        return to_picture_frame(grasps, scenes, index) if len(grasps) else grasps
+    def predict(index: int) -> Callable[[RectangleProtocol], Grasps]:
+        grasps = predictions.get(scenes.ids[index], Grasps.empty())[:top]
+        grasps = to_picture_frame(grasps, scenes, index) if len(grasps) else grasps
+        return lambda by: grasps  # noqa: ARG005
 
-    return _evaluate(predict, scenes, chosen, thresholds, confidence, cluster, jaw, seed, progress)
+    return _evaluate(predict, scenes, chosen, others, options, progress)
 
 
 def detect_in(
@@ -170,11 +203,35 @@ def detect_in(
         known = signature(detector.detect).parameters
         if "camera" in known and "gripper" in known:
             options |= {"camera": scene.camera, "gripper": gripper}
-    try:
+    with _scene_named(scene.id, scenes):
         return detector.detect(scene.rgb, scene.depth, **options).grasps
+
+
+def _detect(
+    detector: GraspDetector,
+    scene: Scene,
+    scenes: Scenes,
+    index: int,
+    protocol: RectangleProtocol,
+    top: int,
+    seed: int,
+) -> Grasps:
+    """What a detector finds in a scene under a protocol, pixels of the whole picture."""
+    seen = look(scene, protocol.view, np.random.default_rng((seed, index)))
+    with _scene_named(scene.id, scenes):
+        found = detector.detect(seen.rgb, seen.depth, top=top, method=protocol.decoding)
+    # Whole pictures stay as they are, to the last bit.
+    return found.grasps if protocol.view == "whole" else found.grasps.transformed(seen.matrix)
+
+
+@contextmanager
+def _scene_named(name: str, scenes: Scenes) -> Iterator[None]:
+    """Errors of a detector name the scene that it looked at."""
+    try:
+        yield
     except InvalidInputError as error:
-        name = f"scene {scene.id} of {scenes.kind}:{scenes.root}: {error.name}"
-        raise InvalidInputError(name, error.found, error.allowed) from error
+        where = f"scene {name} of {scenes.kind}:{scenes.root}: {error.name}"
+        raise InvalidInputError(where, error.found, error.allowed) from error
 
 
 def to_picture_frame(grasps: Grasps, scenes: Scenes, index: int) -> Grasps:
@@ -214,65 +271,97 @@ def in_file_frame(grasps: Mapping[str, Grasps], scenes: Scenes) -> dict[str, Gra
     return predictions
 
 
+@dataclass(frozen=True)
+class _Options:
+    """What all protocols of an evaluation have in common."""
+
+    thresholds: Sequence[float]
+    confidence: float
+    cluster: Cluster
+    jaw: Jaw
+    seed: int
+    top: int
+
+    def __post_init__(self) -> None:
+        for name, value, allowed in (
+            ("cluster", self.cluster, ("scene", "object")),
+            ("jaw", self.jaw, ("half", "given")),
+        ):
+            if value not in allowed:
+                raise InvalidInputError(name, repr(value), ", ".join(allowed))
+        if self.top < 1:
+            raise InvalidInputError("top", self.top, "1 or more grasps")
+
+
 def _evaluate(
-    predict: Callable[[int], Grasps],
+    predict: Callable[[int], Callable[[RectangleProtocol], Grasps]],
     scenes: Scenes,
     protocol: RectangleProtocol,
-    thresholds: Sequence[float],
-    confidence: float,
-    cluster: Cluster,
-    jaw: Jaw,
-    seed: int,
+    others: Sequence[RectangleProtocol],
+    options: _Options,
     progress: Progress | None,
 ) -> Evaluation:
-    _check_options(cluster, jaw)
-    results, without_labels = [], []
+    results: dict[str, list[SceneResult]] = {p.name: [] for p in (protocol, *others)}
+    without_labels = []
     for index, name in enumerate(scenes.ids):
         labels = scenes.read_grasps(index)
         if labels is None or not len(labels):
             without_labels.append(name)
         else:
-            grasp = predict(index)[:1]
-            if jaw == "half":
-                grasp = grasp.replace(height=grasp.width / 2)
-            overlap = best_overlap(grasp, labels, overlap=protocol.overlap)
-            iou = float(overlap[0]) if len(grasp) else 0.0
-            results.append(SceneResult(name, scenes.object_id(index), grasp, iou))
+            grasps, object_id = predict(index), scenes.object_id(index)
+            for by in (protocol, *others):
+                found = _judge(name, object_id, grasps(by)[: options.top], labels, by, options.jaw)
+                results[by.name].append(found)
         if progress is not None:
             progress(index + 1, len(scenes))
     data = f"{scenes.kind}:{scenes.root}"
-    if not results:
+    if not results[protocol.name]:
         raise InvalidInputError(
             f"labels of {data}", f"none in {len(scenes)} scenes", "scenes with labelled grasps"
         )
     if without_labels:
         _LOG.warning("%s: %d scenes without labels left out", data, len(without_labels))
+    finished = [
+        _score(data, by, results[by.name], tuple(without_labels), options)
+        for by in (protocol, *others)
+    ]
+    return replace(finished[0], others=tuple(finished[1:]))
+
+
+def _judge(
+    name: str,
+    object_id: str | None,
+    grasps: Grasps,
+    labels: Grasps,
+    protocol: RectangleProtocol,
+    jaw: Jaw,
+) -> SceneResult:
+    if jaw == "half":
+        grasps = grasps.replace(height=grasps.width / 2)
+    overlaps = overlap_by_angle(grasps, labels, _TOLERANCES, overlap=protocol.overlap)
+    by_angle = overlaps[0] if len(grasps) else np.zeros(len(_TOLERANCES))
+    return SceneResult(name, object_id, grasps, overlaps[:, _CUSTOMARY], by_angle)
+
+
+def _score(
+    data: str,
+    protocol: RectangleProtocol,
+    results: Sequence[SceneResult],
+    without_labels: tuple[str, ...],
+    options: _Options,
+) -> Evaluation:
     score = score_rectangles(
         [result.iou for result in results],
-        rng=np.random.default_rng(seed),
-        thresholds=thresholds,
-        confidence=confidence,
-        groups=_objects(results) if cluster == "object" else None,
+        rng=np.random.default_rng(options.seed),
+        thresholds=options.thresholds,
+        confidence=options.confidence,
+        groups=object_groups(results) if options.cluster == "object" else None,
         rule=protocol.rule,
     )
-    return Evaluation(data, protocol, score, tuple(results), tuple(without_labels), cluster)
-
-
-def _objects(results: Sequence[SceneResult]) -> list[tuple[bool, str]]:
-    """A label for each scene's object; a scene whose object is unknown is one of its own."""
-    return [
-        (False, result.id) if result.object_id is None else (True, result.object_id)
-        for result in results
-    ]
-
-
-def _check_options(cluster: str, jaw: str) -> None:
-    for name, value, allowed in (
-        ("cluster", cluster, ("scene", "object")),
-        ("jaw", jaw, ("half", "given")),
-    ):
-        if value not in allowed:
-            raise InvalidInputError(name, repr(value), ", ".join(allowed))
+    return Evaluation(
+        data, protocol, score, tuple(results), without_labels, options.cluster,
+        options.top, options.seed,
+    )  # fmt: skip
 
 
 def check_ids(

@@ -6,8 +6,9 @@ from graspmap.metrics.correlation import Correlation, correlate
 from graspmap.metrics.depth_error import DepthErrors, DepthScore, depth_errors, score_depth
 from graspmap.metrics.intervals import bootstrap_interval, wilson_interval
 from graspmap.metrics.paired import PairedComparison, compare_paired
-from graspmap.metrics.protocols import PROTOCOLS, RectangleProtocol, find_protocol
+from graspmap.metrics.protocols import PROTOCOLS, QUIRKS, RectangleProtocol, find_protocol
 from graspmap.metrics.rectangle import (
+    ANGLES_DEG,
     MAX_ANGLE,
     THRESHOLDS,
     RectangleScore,
@@ -17,8 +18,10 @@ from graspmap.metrics.rectangle import (
 from graspmap.metrics.saliency import SaliencyMarks, SaliencyScore, saliency_marks, score_saliency
 
 __all__ = [
+    "ANGLES_DEG",
     "MAX_ANGLE",
     "PROTOCOLS",
+    "QUIRKS",
     "THRESHOLDS",
     "Calibration",
     "ClassScore",

@@ -32,6 +32,9 @@ THRESHOLDS = (0.25, 0.30, 0.50, 0.75)
 MAX_ANGLE = float(np.radians(30))
 """Greatest difference of the angles of a right grasp, radians."""
 
+ANGLES_DEG = (5, 10, 15, 20, 30, 45, 90)
+"""Tolerances of the angle at which success is reported, degrees; 90 leaves the angle out."""
+
 _ANGLE_SLACK = 1e-9
 """Radians by which rounding may exceed the angle: 30 degrees apart still counts as 30."""
 
@@ -80,16 +83,42 @@ def best_overlap(
     Raises:
         InvalidInputError: ``max_angle`` or ``overlap`` is not allowed.
     """
-    if not 0 <= max_angle <= np.pi / 2:
-        raise InvalidInputError("max_angle", max_angle, "radians, 0 to pi/2")
+    return overlap_by_angle(predicted, labels, (max_angle,), overlap=overlap)[:, 0]
+
+
+def overlap_by_angle(
+    predicted: Grasps, labels: Grasps, max_angles: Sequence[float], *, overlap: Overlap = "exact"
+) -> Floats:
+    """Best overlap of each predicted grasp at several tolerances of the angle.
+
+    Args:
+        predicted: N grasps.
+        labels: M labelled grasps.
+        max_angles: A tolerances, radians in [0, pi/2].
+        overlap: See `best_overlap`.
+
+    Returns:
+        (N, A) overlaps, as `best_overlap` gives them for each tolerance.
+
+    Raises:
+        InvalidInputError: As `best_overlap`.
+    """
+    for angle in max_angles:
+        if not 0 <= angle <= np.pi / 2:
+            raise InvalidInputError("max_angle", angle, "radians, 0 to pi/2")
     if overlap not in get_args(Overlap):
         raise InvalidInputError("overlap", repr(overlap), ", ".join(get_args(Overlap)))
+    best = np.zeros((len(predicted), len(max_angles)))
     if not len(predicted) or not len(labels):
-        return np.zeros(len(predicted))
-    if overlap == "exact":
-        return best_iou(predicted, labels, max_angle + _ANGLE_SLACK)
-    fits = angle_difference(predicted.angle[:, None], labels.angle) <= max_angle + _ANGLE_SLACK
-    best: Floats = (pixel_iou(predicted, labels) * fits).max(axis=1)
+        return best
+    # Pixels are counted once for all tolerances: that is slow, and exact areas are not.
+    pixels = pixel_iou(predicted, labels) if overlap == "pixels" else None
+    turn = angle_difference(predicted.angle[:, None], labels.angle)
+    for a, angle in enumerate(max_angles):
+        if pixels is None:
+            best[:, a] = best_iou(predicted, labels, angle + _ANGLE_SLACK)
+        else:
+            best[:, a] = (pixels * (turn <= angle + _ANGLE_SLACK)).max(axis=1)
     return best
 
 

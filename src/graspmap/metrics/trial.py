@@ -83,7 +83,8 @@ def score_trials(
         objects: T names of the objects that were grasped at.
         rng: Source of the resamples behind the interval.
         groups: T labels of what hangs together (several trials of one scene or object), drawn
-            together by the bootstrap; None: trials are independent, and the interval is Wilson's.
+            together by the bootstrap. Where there are none, or no two trials have the same,
+            trials are independent, and the interval is Wilson's.
         confidence: Of the interval, above 0 and below 1.
 
     Raises:
@@ -94,7 +95,7 @@ def score_trials(
             "trials", f"{len(outcomes)} outcomes, {len(objects)} objects", "one object a trial"
         )
     held = np.array([outcome == HELD for outcome in outcomes])
-    if groups is None:
+    if groups is None or len(set(groups)) == len(held):
         interval = wilson_interval(int(held.sum()), len(held), confidence)
     else:
         ends = bootstrap_means(

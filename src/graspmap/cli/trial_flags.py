@@ -1,0 +1,130 @@
+"""The flags that say how grasps are tried, and the plan that they make: shared by the commands."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from graspmap.cli.frame import numbers, option
+from graspmap.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from graspmap.evaluation import TrialPlan
+    from graspmap.simulation.trial import Perturbation
+
+_REPEATS = 10
+
+
+@dataclass(frozen=True)
+class TrialFlags:
+    """How grasps are tried."""
+
+    gripper: Annotated[str | None, option("G", "default: that of the data, else jacquard")] = None
+    """Name of a profile (`graspmap gripper list`) or a YAML file."""
+    jaw: Annotated[str, option("nearest|given|MM", "default: nearest")] = "nearest"
+    """Jaw size: the gripper's nearest to the predicted one, the predicted one itself, or one size
+    for all in millimetres."""
+    trial_depth: Annotated[str | None, option("NAME", "default: perfect or z")] = None
+    """Which depth places the grasps, and rebuilds scenes that have no record."""
+    camera: Annotated[Path | None, option("F", "default: that of the data")] = None
+    """Camera file for pictures that come without (JSON or YAML: fx, fy, cx, cy, width, height)."""
+    shake: bool = False
+    """Shake the gripper after the lift: weak grips lose."""
+    perturb: Annotated[str | None, option("MM,DEG[,FRICTION,MASS]", "default: none")] = None
+    """Standard deviations of the grasp's place (mm), its angle (degrees), and, relative, of
+    friction and mass: 2,2,0.1,0.1. Gives the robust success as well."""
+    repeats: Annotated[int | None, option("N", f"default: {_REPEATS}")] = None
+    """Perturbed repeats of each grasp."""
+    workers: Annotated[int, option("N", "default: number of cores")] = 0
+    """Processes; the result does not depend on it."""
+
+    @property
+    def processes(self) -> int:
+        """Number of processes, that of the machine's cores where none was given."""
+        return self.workers or os.cpu_count() or 1
+
+    def check(self) -> None:
+        """Refuse what contradicts itself, before any work.
+
+        Raises:
+            InvalidInputError: A number is out of range, or a flag needs another.
+        """
+        for name, value, least in (("--repeats", self.repeats, 1), ("--workers", self.workers, 0)):
+            if value is not None and value < least:
+                raise InvalidInputError(name, value, f"{least} or more")
+        if self.repeats is not None and self.perturb is None:
+            raise InvalidInputError(
+                "--repeats", self.repeats, "only with --perturb: repeats are all the same without"
+            )
+
+    def plan(self, *, top: int | None, seed: int, labels: bool = False) -> TrialPlan:
+        """The plan of the trials.
+
+        Args:
+            top: How many grasps of a scene are tried; None: all.
+            seed: Of the perturbation and of the interval.
+            labels: Whether labels are tried, which have no order.
+
+        Raises:
+            InvalidInputError: A value is not allowed; the error names its flag.
+            FileError: The gripper's or the camera's file is missing or damaged.
+        """
+        from graspmap.evaluation import TrialPlan
+        from graspmap.geometry import Camera
+        from graspmap.gripper import load_gripper
+        from graspmap.simulation.trial import Shake
+
+        return TrialPlan(
+            gripper=None if self.gripper is None else load_gripper(self.gripper),
+            top=top,
+            ranked=not labels,
+            jaw=_jaw(self.jaw),
+            distinct=labels,
+            shake=Shake() if self.shake else None,
+            perturbation=None if self.perturb is None else read_perturbation(self.perturb),
+            repeats=1 if self.perturb is None else self.repeats or _REPEATS,
+            camera=None if self.camera is None else Camera.read(self.camera),
+            seed=seed,
+        )
+
+
+def _jaw(text: str) -> Literal["nearest", "given"] | float:
+    if text == "nearest":
+        return "nearest"
+    if text == "given":
+        return "given"
+    try:
+        size_m = float(text) / 1000
+    except ValueError:
+        size_m = 0.0
+    if not 0 < size_m <= 1:
+        raise InvalidInputError("--jaw", repr(text), "nearest, given, or millimetres above 0")
+    return size_m
+
+
+def read_perturbation(text: str) -> Perturbation:
+    """What ``--perturb`` says.
+
+    Args:
+        text: ``MM,DEG`` or ``MM,DEG,FRICTION,MASS``.
+
+    Raises:
+        InvalidInputError: It is something else, or a number is out of range.
+    """
+    from graspmap.simulation.trial import Perturbation
+
+    names = "MM,DEG" if len(text.split(",")) == 2 else "MM,DEG,FRICTION,MASS"
+    values = (*numbers(text, names, "--perturb"), 0.0, 0.0)
+    try:
+        return Perturbation(
+            position_m=values[0] / 1000,
+            angle_rad=math.radians(values[1]),
+            friction=values[2],
+            mass=values[3],
+        )
+    except InvalidInputError as error:
+        problem = f"{text!r}, so {error.name} is {error.found}"
+        raise InvalidInputError("--perturb", problem, f"{error.allowed} there") from error

@@ -1,0 +1,84 @@
+"""Sections of an evaluation's summary that are made of trials."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from graspmap.data.scene import Scenes
+from graspmap.evaluation.difficulty import LEVELS, rank_by_difficulty
+from graspmap.evaluation.trial_results import TrialEvaluation, TriedGrasp, clusters
+from graspmap.metrics.calibration import score_calibration
+from graspmap.metrics.trial import HELD, score_trials
+
+
+def trials_section(trials: TrialEvaluation, scenes: Scenes, seconds: float) -> dict[str, Any]:
+    """What the trials say, as in ``trials.json``, with their time and success by difficulty.
+
+    Args:
+        trials: The trials.
+        scenes: The scenes that they were made on.
+        seconds: How long they took.
+
+    Raises:
+        FileError: A label file is damaged.
+    """
+    section = trials.to_dict()
+    section["seconds"] = seconds
+    difficulty = rank_by_difficulty(scenes, list(dict.fromkeys(t.scene for t in trials.tried)))
+    if difficulty is not None:
+        section["difficulty_bounds"] = list(difficulty.bounds)
+        section["per_difficulty"] = {
+            level: _score(
+                [t for t in best(trials) if difficulty.level.get(t.scene) == level], trials
+            )
+            for level in LEVELS
+            if level in difficulty.level.values()
+        }
+    return section
+
+
+def calibration_section(trials: TrialEvaluation) -> dict[str, Any]:
+    """Whether the quality of each best grasp is the probability that it holds.
+
+    Qualities are cut to [0, 1]: networks with a linear head leave it a little.
+    """
+    tried = [t for t in best(trials) if len(t.grasp)]
+    quality = np.array([float(t.grasp.quality[0]) for t in tried])
+    held = np.array([t.outcome == HELD for t in tried], dtype=np.float64)
+    found = score_calibration(
+        np.clip(quality, 0.0, 1.0),
+        held,
+        rng=np.random.default_rng(trials.plan.seed),
+        groups=clusters(tuple(tried), trials.cluster),
+        confidence=trials.score.confidence,
+    )
+    return found.to_dict()
+
+
+def best(trials: TrialEvaluation) -> list[TriedGrasp]:
+    """The best grasp of each scene, or the scene without one."""
+    return [t for t in trials.tried if t.rank == 0]
+
+
+def outcomes_by_scene(trials: TrialEvaluation) -> dict[str, str]:
+    """How the best grasp of each scene ended, by the scene's id."""
+    return {t.scene: t.outcome for t in best(trials)}
+
+
+def _score(tried: Sequence[TriedGrasp], trials: TrialEvaluation) -> dict[str, Any]:
+    score = score_trials(
+        [t.outcome for t in tried],
+        [t.object_id or t.scene for t in tried],
+        rng=np.random.default_rng(trials.plan.seed),
+        groups=clusters(tuple(tried), trials.cluster),
+        confidence=trials.score.confidence,
+    )
+    return {
+        "trials": score.trials,
+        "held": score.held,
+        "success": score.success,
+        "interval": list(score.interval),
+    }
