@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspmap.errors import InvalidInputError
-from graspmap.pictures.plots import Floats, Plot, floats, laid_out, new_axes, style
+from graspmap.pictures.plots import PAPER, Floats, Plot, floats, laid_out, new_axes, style
 
 
 def heat_map(
@@ -54,8 +54,8 @@ def heat_map(
     plot = _grid(cells, texts, down, right, row_label, column_label)
     if means:  # a gap of paper sets the means apart
         (ax,) = plot.figure.axes
-        ax.axhline(len(rows) - 0.5, color="white", linewidth=4)
-        ax.axvline(len(columns) - 0.5, color="white", linewidth=4)
+        ax.axhline(len(rows) - 0.5, color=PAPER, linewidth=4)
+        ax.axvline(len(columns) - 0.5, color=PAPER, linewidth=4)
     return plot
 
 

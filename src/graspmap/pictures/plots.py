@@ -30,6 +30,8 @@ _DASHES = ("solid", (0, (6, 2)), (0, (1.5, 1.5)), (0, (6, 2, 1.5, 2)))
 """Lines differ by more than their colour."""
 
 INK = "#1e2024"
+PAPER = "#fefefe"
+"""What lies between cells; in an SVG it is the page's ``--paper``."""
 _PALE = "#9a9da5"
 _PANEL = (4.4, 3.1)  # inches; at 72 points an inch a panel fits a phone held upright
 _STYLE: Any = {
@@ -80,6 +82,7 @@ class Plot:
             )
         svg = text.getvalue()
         svg = svg[svg.index("<svg") :].replace(INK, "currentColor")
+        svg = svg.replace(PAPER, "var(--paper, white)")
         svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
         svg = re.sub(r'\bid="', f'id="{name}-', svg)
         return re.sub(r'(url\(#|href="#)', rf"\g<1>{name}-", svg)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from graspmap.evaluation.report.numbers import as_text
-from graspmap.pictures.heat_maps import confusion_chart
+from graspmap.pictures.heat_maps import confusion_chart, heat_map
 from graspmap.pictures.plots import (
     Bar,
     Panel,
@@ -99,10 +100,21 @@ def _confusion(data: Data) -> Plot | None:
     return confusion_chart(category["confusion"], category["classes"])
 
 
+def _grid(data: Data, key: str) -> Plot | None:
+    """A cell for each object of EGAD; None where no object has a place in its grid."""
+    grid = (data.get("egad") or {}).get("grid")
+    if not grid or all(cell is None for row in grid[key] for cell in row):
+        return None
+    cells = [[math.nan if cell is None else cell for cell in row] for row in grid[key]]
+    return heat_map(cells, grid["rows"], grid["columns"])
+
+
 _PLOTS: dict[str, Callable[[Data], Plot | None]] = {
     "curve": _curve,
     "quirks": _quirks,
     "outcomes": _outcomes,
     "reliability": _reliability,
     "confusion": _confusion,
+    "egad": lambda data: _grid(data, "success"),
+    "egad_ceiling": lambda data: _grid(data, "ceiling"),
 }

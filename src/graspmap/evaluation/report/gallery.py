@@ -15,7 +15,7 @@ from graspmap.evaluation.animations import film_of
 from graspmap.evaluation.evaluate import GraspDetector, Progress
 from graspmap.evaluation.results import Evaluation, SceneResult
 from graspmap.evaluation.trial_results import TrialEvaluation, TriedGrasp
-from graspmap.geometry.affine import crop
+from graspmap.geometry.affine import crop, resize
 from graspmap.geometry.grasps import Grasps
 from graspmap.maps.grasp_maps import GraspMaps
 from graspmap.metrics.rectangle import count_right
@@ -238,7 +238,7 @@ def _close_up(
     x, y, side = window
     part = np.ascontiguousarray(view[y : y + side, x : x + side])
     scale = _fitting(part)
-    matrix = np.diag([scale, scale, 1.0]) @ crop(x, y)
+    matrix = resize(scale) @ crop(x, y)
     picture = draw_grasps(part, Grasps.empty(), scale=scale)
     if labels is not None and len(labels):
         some = np.unique(np.linspace(0, len(labels) - 1, _LABELS).round().astype(int))
@@ -249,5 +249,5 @@ def _close_up(
 
 def _fitting(view: Picture) -> float:
     """Scale at which the longer side is `_SIDE_PX`."""
-    rows, columns, _ = view.shape
-    return _SIDE_PX / max(rows, columns)
+    longer: int = max(view.shape[:2])
+    return _SIDE_PX / longer
