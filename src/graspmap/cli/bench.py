@@ -90,7 +90,8 @@ def run(argv: Sequence[str]) -> int:
         seconds=flags.seconds,
     )
     published = published_times()
-    same = [time for time in published if time.network and _same(time.network, speed.network)]
+    network = speed.detector["network"]
+    same = [time for time in published if time.network and _same(time.network, network)]
     _tell(flags, speed, same)
     write_json({**speed.to_dict(), "published": [time.to_dict() for time in published]}, flags.json)
     return 0
@@ -144,10 +145,11 @@ def _picture(flags: Bench, size: tuple[int, int]) -> Scene:
 
 def _tell(flags: Bench, speed: Speed, published: Sequence[PublishedTime]) -> None:
     tell = teller(flags.json)
-    picture = speed.picture
+    about, picture = speed.detector, speed.picture
     tell(
-        f"{speed.network}, {speed.channels}, {speed.size} px input: {speed.parameters:,} "
-        f"parameters, {speed.multiply_adds / 1e9:.3g} G multiply-adds a picture"
+        f"{about['network']}, {about['channels']}, {about['size']} px input: "
+        f"{about['parameters']:,} parameters, "
+        f"{about['multiply_adds'] / 1e9:.3g} G multiply-adds a picture"
     )
     tell(f"picture {picture['id']}, {picture['width']} x {picture['height']} px, {speed.device}")
     for latency in speed.settings:

@@ -95,7 +95,10 @@ def run(argv: Sequence[str]) -> int:
         output_folder(flags.out, "--out")
     output_file(flags.json, "--json", keep=[flags.weights])
     from graspmap.evaluation.egad import DetectorFile, evaluate_egad, finish
+    from graspmap.inference import Detector
 
+    # Before the work: a wrong file is told at once.
+    detector = Detector.load(flags.weights, device=flags.device).describe()
     result = evaluate_egad(
         flags.meshes.expanduser(),
         DetectorFile(flags.weights, flags.device),
@@ -104,12 +107,18 @@ def run(argv: Sequence[str]) -> int:
         folder=flags.out,
         progress=partial(progress, per_hour="tries"),
     )
-    about = {"data": f"egad:{flags.meshes}"}
+    about = {
+        "data": f"egad:{flags.meshes}",
+        "detector": {"kind": "weights", "file": str(flags.weights), **detector},
+    }
     summary: dict[str, Any]
     if flags.out is None:
         summary = {**about, "egad": result.to_dict()}
     else:
+        from graspmap.evaluation.report.page import write_report
+
         summary = result.write(flags.out, about)
+        write_report(flags.out, summary)
         finish(flags.out)
     _tell(flags, summary["egad"])
     write_json(summary, flags.json)
@@ -197,7 +206,7 @@ def _tell(flags: EvaluateEgad, egad: Mapping[str, Any]) -> None:
         if egad[what]:
             tell(f"  {len(egad[what])} {'meshes' if what == 'broken' else 'tries'} left out")
     if flags.out is not None:
-        tell(f"  written: {flags.out / 'evaluation.json'}, {flags.out / 'per_try.csv'}")
+        tell(f"  written: {flags.out / 'report.html'}, evaluation.json and per_try.csv beside it")
 
 
 def _share(score: Mapping[str, Any]) -> str:

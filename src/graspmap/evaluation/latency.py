@@ -19,7 +19,6 @@ from graspmap.errors import InvalidInputError
 from graspmap.gripper import Gripper
 from graspmap.inference.detector import Detector
 from graspmap.inference.threads import threads_of
-from graspmap.networks import multiply_adds, parameter_count
 
 STEPS = ("prepare", "forward", "decode")
 """From the picture to the network's input, from there to the maps, from the maps to the grasps."""
@@ -83,23 +82,13 @@ class Speed:
     """What a detector costs: its size, and its latency in each setting.
 
     Attributes:
-        network: Name of the network.
-        channels: What it sees.
-        bins: Orientation bins.
-        size: Side of its input, pixels.
-        parameters: How many it has; heads of other tasks are counted.
-        multiply_adds: Of one forward pass for grasps.
+        detector: What it is, as `graspmap.Detector.describe` says it.
         device: Where it ran.
         picture: Id, width and height of the picture.
         settings: One latency for each setting, in the order in which they were asked for.
     """
 
-    network: str
-    channels: str
-    bins: int
-    size: int
-    parameters: int
-    multiply_adds: int
+    detector: Mapping[str, Any]
     device: str
     picture: Mapping[str, str | int]
     settings: tuple[Latency, ...]
@@ -107,12 +96,7 @@ class Speed:
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
-            "network": self.network,
-            "channels": self.channels,
-            "bins": self.bins,
-            "size": self.size,
-            "parameters": self.parameters,
-            "multiply_adds": self.multiply_adds,
+            **self.detector,
             "device": self.device,
             "picture": dict(self.picture),
             "settings": [latency.to_dict() for latency in self.settings],
@@ -148,7 +132,7 @@ def measure_speed(
         if not given:
             raise InvalidInputError(name, "none", "at least one")
     first = next(iter(detectors.values()))
-    size, (rows, columns) = first.card.size, scene.shape
+    rows, columns = scene.shape
     settings = [
         measure_latency(
             detector,
@@ -165,12 +149,7 @@ def measure_speed(
         for gripper in grippers
     ]
     return Speed(
-        network=first.card.network,
-        channels=first.card.channels,
-        bins=first.card.bins,
-        size=size,
-        parameters=parameter_count(first.network),
-        multiply_adds=multiply_adds(first.network, size, size),
+        detector=first.describe(),
         device=first.device,
         picture={"id": scene.id, "width": columns, "height": rows},
         settings=tuple(settings),

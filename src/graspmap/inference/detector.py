@@ -29,7 +29,7 @@ from graspmap.gripper import Gripper
 from graspmap.inference.weights import WeightsCard, load_weights
 from graspmap.maps.find import find_grasps
 from graspmap.maps.grasp_maps import GraspMaps
-from graspmap.networks import GraspNetwork
+from graspmap.networks import GraspNetwork, multiply_adds, parameter_count
 
 BACKENDS = ("torch",)
 _LARGEST_REGION = 100
@@ -123,6 +123,18 @@ class Detector:
     def network(self) -> GraspNetwork:
         """The network, in evaluation mode on the detector's device."""
         return self._network
+
+    def describe(self) -> dict[str, Any]:
+        """What it is and what it costs, for JSON: network, input, parameters, multiply-adds."""
+        card = self.card
+        return {
+            "network": card.network,
+            "channels": card.channels,
+            "bins": card.bins,
+            "size": card.size,
+            "parameters": parameter_count(self._network),
+            "multiply_adds": multiply_adds(self._network, card.size, card.size),
+        }
 
     def predict(self, inputs: NDArray[np.float32]) -> GraspMaps[NDArray[np.float32]]:
         """Maps of prepared inputs, as the network gives them.
