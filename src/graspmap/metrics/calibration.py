@@ -157,17 +157,18 @@ def score_calibration(
     )[0]
     ece_ends = _ece_interval(gaps, groups, confidence, rng, resamples)
     slack = _slack(came, groups, confidence)
+    base, brier = float(came.mean()), float(squares.mean())
     shares = np.array([b.count for b in found]) / len(said)
     rates, means = (np.array([getattr(b, name) for b in found]) for name in ("held", "quality"))
-    base, brier = float(came.mean()), float(squares.mean())
+    ece = float(shares @ np.abs(means - rates))
     reliability = float(shares @ (means - rates) ** 2)
     resolution, uncertainty = float(shares @ (rates - base) ** 2), base * (1 - base)
     return Calibration(
         trials=len(said),
-        ece=float(shares @ np.abs(means - rates)),
-        ece_interval=_widened(ece_ends, slack),
+        ece=ece,
+        ece_interval=_widened(ece_ends, ece, slack),
         brier=brier,
-        brier_interval=_widened((float(brier_ends[0]), float(brier_ends[1])), slack),
+        brier_interval=_widened((float(brier_ends[0]), float(brier_ends[1])), brier, slack),
         base_rate=base,
         reliability=reliability,
         resolution=resolution,
@@ -264,5 +265,6 @@ def _slack(held: Floats, groups: Groups | None, confidence: float) -> float:
     return 1 - wilson_interval(count, count, confidence)[0]
 
 
-def _widened(ends: tuple[float, float], slack: float) -> tuple[float, float]:
-    return max(0.0, ends[0] - slack), min(1.0, ends[1] + slack)
+def _widened(ends: tuple[float, float], value: float, slack: float) -> tuple[float, float]:
+    """Ends at least ``slack`` away from the value, within [0, 1]."""
+    return max(0.0, min(ends[0], value - slack)), min(1.0, max(ends[1], value + slack))
