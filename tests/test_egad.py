@@ -17,7 +17,7 @@ from graspmap.errors import DatasetNotFoundError, InvalidInputError, UnknownName
 from graspmap.evaluation.egad import DetectorFile, EgadPlan, EgadTry, evaluate_egad, finish
 from graspmap.evaluation.egad import run as run_module
 from graspmap.evaluation.egad.attempt import mesh_number
-from graspmap.evaluation.egad.grid import PUBLISHED, cell_of, make_grid
+from graspmap.evaluation.egad.grid import PUBLISHED, cell_of, make_grid, trends
 from graspmap.evaluation.egad.results import EgadEvaluation
 from graspmap.geometry import Grasps
 from graspmap.gripper import load_gripper
@@ -378,6 +378,19 @@ def test_grid_against_means_by_hand():
     assert 0 <= low <= 0.75 <= high <= 1
     assert len(grid["missing"]) == 46
     assert make_grid({"mug": [True]}, {}, rng=np.random.default_rng(0)) is None
+
+
+def test_trends_against_ranks_by_hand():
+    falls = {"A0": 0.9, "B3": 0.5, "C1": 0.4, "G2": 0.1, "mug": 0.7}
+    found = trends(falls)
+    assert found["rows"]["spearman"] == -1.0
+    # Columns 0, 3, 1, 2 against ranks 4, 3, 2, 1: 1 - 6 * (9 + 1 + 0 + 4) / (4 * 15).
+    assert found["columns"]["spearman"] == pytest.approx(1 - 6 * (9 + 1 + 0 + 4) / 60)
+    low, high = found["columns"]["interval"]
+    assert -1 <= low <= found["columns"]["spearman"] <= high <= 1
+    flat = trends(dict.fromkeys(falls, 0.5))
+    assert flat["rows"] == {"spearman": None, "interval": None}
+    assert trends({"A0": 1.0, "B0": 0.5, "C0": 0.1, "mug": 0.2}) is None
 
 
 def test_numbers_of_the_thesis():

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -95,6 +94,7 @@ def run(argv: Sequence[str]) -> int:
         output_folder(flags.out, "--out")
     output_file(flags.json, "--json", keep=[flags.weights])
     from graspmap.evaluation.egad import DetectorFile, evaluate_egad, finish
+    from graspmap.evaluation.egad.run import TRYING
     from graspmap.inference import Detector
 
     # Before the work: a wrong file is told at once.
@@ -105,7 +105,7 @@ def run(argv: Sequence[str]) -> int:
         plan,
         workers=flags.workers or os.cpu_count() or 1,
         folder=flags.out,
-        progress=partial(progress, per_hour="tries"),
+        progress=lambda title: progress(title, "tries" if title == TRYING else ""),
     )
     about = {
         "data": f"egad:{flags.meshes}",
@@ -187,26 +187,33 @@ def _tell(flags: EvaluateEgad, egad: Mapping[str, Any]) -> None:
         f"{egad['opening_px']:.0f} of {flags.size} px"
     )
     tell(f"  held {egad['held']} of {egad['trials']}: success {_share(egad)}")
-    if egad["robust_success"] is not None:
-        low, high = egad["robust_interval"]
-        tell(f"  robust success, perturbed: {egad['robust_success']:.1%} ({low:.1%} to {high:.1%})")
     tell("  outcomes: " + ", ".join(f"{name} {n}" for name, n in egad["outcomes"].items()))
-    if egad["ceiling"] is not None:
-        tell(f"  falls in which any of the proposed grasps holds: {_share(egad['ceiling'])}")
-    if egad["candidates"] is not None and egad["candidates"]["trials"]:
-        proposed = egad["candidates"]
-        tell(f"  of {proposed['trials']} proposed grasps held {proposed['success']:.1%}")
-    for entry in egad["published"]:
-        tell(f"  on a robot, {entry['name']}: {entry['success']:.0%} ({entry['source']})")
-    for k, score in egad.get("one_of_first", {}).items():
-        tell(f"  one of the first {k} holds in {score['success']:.1%} of the tries")
-    for line in _grid(egad["grid"]) if egad["grid"] else _hardest(egad["per_object"]):
-        tell(line)
-    for what in ("broken", "skipped"):
+    for line in (*_beside(egad), *(_grid(egad["grid"]) or _hardest(egad["per_object"]))):
+        tell(f"  {line}")
+    for what, name in (("broken", "meshes"), ("skipped", "tries")):
         if egad[what]:
-            tell(f"  {len(egad[what])} {'meshes' if what == 'broken' else 'tries'} left out")
+            tell(f"  {len(egad[what])} {name} left out")
     if flags.out is not None:
         tell(f"  written: {flags.out / 'report.html'}, evaluation.json and per_try.csv beside it")
+
+
+def _beside(egad: Mapping[str, Any]) -> Iterator[str]:
+    """What stands beside the success: of perturbed and of proposed grasps, and of robots."""
+    if egad["robust_success"] is not None:
+        low, high = egad["robust_interval"]
+        yield f"robust success, perturbed: {egad['robust_success']:.1%} ({low:.1%} to {high:.1%})"
+    for k, score in egad.get("one_of_first", {}).items():
+        yield f"one of the first {k} holds in {score['success']:.1%} of the tries"
+    if egad["ceiling"] is not None:
+        yield f"falls in which any of the proposed grasps holds: {_share(egad['ceiling'])}"
+    proposed = egad["candidates"]
+    if proposed is not None and proposed["trials"]:
+        yield f"of {proposed['trials']} proposed grasps held {proposed['success']:.1%}"
+    for entry in egad["published"]:
+        yield f"on a robot, {entry['name']}: {entry['success']:.0%} ({entry['source']})"
+    for what, measure in (("success", "success"), ("candidates", "share of proposed that hold")):
+        if egad["trends"][what] is not None:
+            yield f"{measure}, rank correlation with {_trend(egad['trends'][what])}"
 
 
 def _share(score: Mapping[str, Any]) -> str:
@@ -214,17 +221,29 @@ def _share(score: Mapping[str, Any]) -> str:
     return f"{score['success']:.1%} (95% interval {low:.1%} to {high:.1%})"
 
 
-def _grid(grid: Mapping[str, Any]) -> list[str]:
+def _trend(trend: Mapping[str, Any]) -> str:
+    return ", with ".join(
+        f"the {name}: undefined"
+        if found["spearman"] is None
+        else f"the {name}: {found['spearman']:.2f} "
+        f"({found['interval'][0]:.2f} to {found['interval'][1]:.2f})"
+        for name, found in (("letter", trend["rows"]), ("number", trend["columns"]))
+    )
+
+
+def _grid(grid: Mapping[str, Any] | None) -> list[str]:
     """EGAD's grid in percent: a line for each row, with the means at its right and lower edge."""
+    if grid is None:
+        return []
 
     def cells(values: Sequence[float | None]) -> str:
         return "".join("   -" if v is None else f"{100 * v:4.0f}" for v in values)
 
-    lines = ["  success in percent, row and column means outside:"]
-    lines.append("      " + "".join(f"{name:>4}" for name in grid["columns"]) + "  mean")
+    lines = ["success in percent, row and column means outside:"]
+    lines.append("    " + "".join(f"{name:>4}" for name in grid["columns"]) + "  mean")
     for name, values, mean in zip(grid["rows"], grid["success"], grid["row_means"], strict=True):
-        lines.append(f"    {name} {cells(values)}  {cells([mean])}")
-    lines.append(f"  mean{cells(grid['column_means'])}  {cells([grid['mean']])}")
+        lines.append(f"  {name} {cells(values)}  {cells([mean])}")
+    lines.append(f"mean{cells(grid['column_means'])}  {cells([grid['mean']])}")
     return lines
 
 
@@ -233,4 +252,4 @@ def _hardest(objects: Mapping[str, Any]) -> list[str]:
     failing = [(name, s) for name, s in objects.items() if s["held"] < s["trials"]]
     worst = sorted(failing, key=lambda item: item[1]["success"])[:_WORST]
     names = ", ".join(f"{name} {s['held']} of {s['trials']}" for name, s in worst)
-    return [f"  hardest objects: {names}"] if names else []
+    return [f"hardest objects: {names}"] if names else []

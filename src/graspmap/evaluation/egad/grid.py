@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from graspmap.metrics.correlation import correlate
 from graspmap.metrics.intervals import bootstrap_means, wilson_interval
 
 ROWS = tuple("ABCDEFG")
@@ -33,6 +34,8 @@ PUBLISHED: tuple[dict[str, Any], ...] = (
 """Overall success on robots, to stand beside a simulated one; the thesis prints no cell as text."""
 
 _NAME = re.compile(r"([A-G])([0-6])", re.IGNORECASE)
+
+_FEWEST = 4  # objects; fewer show no trend
 
 Held = Mapping[str, Sequence[bool]]
 """For each object: whether each of its tries held."""
@@ -100,6 +103,33 @@ def make_grid(
             if (r, c) not in names
         ],
     }
+
+
+def trends(values: Mapping[str, float], *, confidence: float = 0.95) -> dict[str, Any] | None:
+    """Which way of the grid a measure of its objects falls: with the letters, or with the numbers.
+
+    EGAD's grid grows in complexity one way and in difficulty the other; the thesis names both ways
+    round (section 5.1.5 and the caption of Fig. 5.5).
+
+    Args:
+        values: The measure, by object; those without a place in the grid are left out.
+        confidence: Of the intervals.
+
+    Returns:
+        ``rows`` and ``columns``: Spearman's correlation with the number of the row and of the
+        column (``spearman``, ``interval``; None where all are the same). None where fewer than 4
+        objects have a place.
+    """
+    placed = {cell: value for id, value in values.items() if (cell := cell_of(id)) is not None}
+    if len(placed) < _FEWEST:
+        return None
+    found = {}
+    for way, place in (("rows", 0), ("columns", 1)):
+        numbers = [cell[place] for cell in placed]
+        one = correlate(numbers, list(placed.values()), confidence=confidence)
+        ends = one.spearman_interval
+        found[way] = {"spearman": one.spearman, "interval": None if ends is None else list(ends)}
+    return found
 
 
 def _table(cells: Mapping[tuple[int, int], Any]) -> list[list[Any]]:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from graspmap.evaluation.egad.attempt import EgadTry
-from graspmap.evaluation.egad.grid import PUBLISHED, make_grid
+from graspmap.evaluation.egad.grid import PUBLISHED, make_grid, trends
 from graspmap.evaluation.egad.plan import EgadPlan
 from graspmap.evaluation.results import SUMMARY_FILE, as_csv
 from graspmap.files import write_text
@@ -98,6 +98,7 @@ class EgadEvaluation:
             "robust_interval": None if robust is None else robust[1],
             "per_object": objects,
             "grid": self._grid(),
+            "trends": self._trends(objects),
             "published": [dict(entry) for entry in PUBLISHED],
             "broken": dict(self.broken),
             "remarks": {name: list(texts) for name, texts in self.remarks.items()},
@@ -206,6 +207,19 @@ class EgadEvaluation:
             if self.plan.candidates:
                 possible.setdefault(one.mesh, []).append(one.candidates_held > 0)
         return make_grid(held, possible, rng=self._rng(), confidence=self.confidence)
+
+    def _trends(self, objects: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+        """How success, and the share of candidates that held, go with row and column."""
+        success = {name: score["success"] for name, score in objects.items()}
+        possible = {
+            name: score["candidates"]["success"]
+            for name, score in objects.items()
+            if score["candidates"] is not None and score["candidates"]["trials"]
+        }
+        return {
+            "success": trends(success, confidence=self.confidence),
+            "candidates": trends(possible, confidence=self.confidence),
+        }
 
     def _ranks(self) -> dict[str, Any]:
         """Success by rank, and of a robot that tries again."""

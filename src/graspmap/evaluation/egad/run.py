@@ -31,6 +31,9 @@ from graspmap.inference.threads import threads_of
 MODELS_FOLDER = "egad-models"
 """Prepared meshes of a run that is not finished, below its folder."""
 
+PREPARING, TRYING = "preparing meshes", "trying grasps"
+"""Titles of the two parts of the work, for its progress."""
+
 _FORMAT = "graspmap-egad-1"
 _LOG = logging.getLogger(__name__)
 
@@ -151,7 +154,7 @@ def _prepare(
     missing = [file for file, entry in entries.items() if entry is None]
     job = partial(prepare_mesh, plan, root)
     with (
-        progress("preparing meshes") as update,
+        progress(PREPARING) as update,
         WorkerPool(job, _processes(workers, len(missing))) as pool,
     ):
         for file in missing:
@@ -250,7 +253,7 @@ class _Run:
                 found[throw] = known
         todo = [throw for throw in order if throw not in found]
         with (
-            progress("trying grasps") as update,
+            progress(TRYING) as update,
             WorkerPool(self._job, _processes(workers, len(todo) // SCENES_A_WORKER)) as pool,
         ):
             update(len(found), len(order))
