@@ -25,6 +25,7 @@ from graspmap.evaluation import (
 from graspmap.evaluation.baselines import median_angle
 from graspmap.geometry.affine import resize, rotation
 from graspmap.geometry.grasps import Grasps, angle_difference
+from graspmap.metrics import PROTOCOLS, QUIRKS, best_overlap
 
 DEGREE = np.pi / 180
 SIDE = 100
@@ -300,7 +301,7 @@ def test_predictions_for_unknown_scenes_name_the_nearest():
     with pytest.raises(InvalidInputError) as caught:
         evaluate_predictions(predictions, scenes)
     assert "1 of 2" in str(caught.value)
-    assert "nearest to it: scene012" in str(caught.value)
+    assert "'scene0012' (nearest: scene012)" in str(caught.value)
     assert "\n" not in str(caught.value)
     with pytest.raises(InvalidInputError, match=r"first 'zzz'; allowed: ids of its 20 scenes$"):
         evaluate_predictions({"zzz": scenes.labels[0]}, scenes)
@@ -439,3 +440,100 @@ def test_center_baseline_refuses():
         center_grasp_baseline(FakeScenes([None]))
     with pytest.raises(InvalidInputError):
         CenterGrasp(0.0, 10.0).detect(None, None)
+
+
+# --- several protocols at once -----------------------------------------------------------------
+
+
+class Pointer(FakeScenes):
+    """Two bright pixels say where the one label is and which way it points."""
+
+    def read(self, index: int) -> Scene:
+        rgb = super().read(index).rgb.copy()
+        grasp = self.labels[index]
+        (x, y), axis = grasp.center[0].astype(int), np.round(6 * grasp.axis()[0]).astype(int)
+        rgb[y, x], rgb[y + axis[1], x + axis[0]] = 255, 200
+        return Scene(self.ids[index], rgb=rgb, grasps=grasp)
+
+
+class Eye:
+    """Sees the bright pixels of whatever picture it gets; nothing where they are out of sight."""
+
+    def __init__(self):
+        self.shapes = []
+
+    def detect(self, rgb, _depth, *, top, method) -> Found:  # noqa: ARG002
+        self.shapes.append(rgb.shape[:2])
+        places = [np.argwhere(rgb[..., 0] == value) for value in (255, 200)]
+        if not all(map(len, places)):
+            return Found(Grasps.empty())
+        (y, x), (y2, x2) = places[0][0], places[1][0]
+        return Found(Grasps([[x, y]], [np.arctan2(y - y2, x2 - x)], [20.0], [10.0]))
+
+
+def pointed() -> Pointer:
+    rng = np.random.default_rng(4)
+    turns = [-np.pi / 2, 0.0]
+    found = [Grasps([rng.integers(40, 60, 2)], [turns[i % 2]], [20.0], [10.0]) for i in range(8)]
+    return Pointer(found)
+
+
+def test_habits_are_judged_beside_strict_on_what_each_of_them_shows():
+    eye, scenes = Eye(), pointed()
+    also = [*list(PROTOCOLS.values())[1:], *QUIRKS.values()]
+    got = evaluate_detector(eye, scenes, also=also)
+    # Right in every frame: cut out and turned pictures are taken back to the whole one.
+    assert got.score.success[0.75] == 1.0
+    by_name = {other.protocol.name: other.score for other in got.others}
+    assert list(by_name) == [protocol.name for protocol in also]
+    assert all(score.success[0.75] == 1.0 for score in by_name.values())
+    summary = got.to_dict()
+    assert list(summary["protocols"]) == ["strict", "ggcnn", "orange"]
+    assert [quirk["name"] for quirk in summary["quirks"]] == list(QUIRKS)
+    assert all(quirk["change"] == 0 for quirk in summary["quirks"])
+    # Whole pictures for each of three decodings, windows, and augmented pictures: five looks.
+    assert len(eye.shapes) == 5 * len(scenes)
+    assert eye.shapes.count((62, 62)) >= len(scenes)  # 100 px * 300 / 480
+
+
+def test_a_habit_that_helps_has_its_price():
+    """A detector that sees small pictures only gains by the window, and by nothing else."""
+
+    class Nearsighted(Eye):
+        def detect(self, rgb, depth, *, top, method) -> Found:
+            if len(rgb) > 90:
+                return Found(Grasps([[5, 5]], [0.0], [20.0], [10.0]))
+            return super().detect(rgb, depth, top=top, method=method)
+
+    got = evaluate_detector(Nearsighted(), pointed(), also=list(QUIRKS.values())).to_dict()
+    change = {quirk["name"]: quirk["change"] for quirk in got["quirks"]}
+    assert got["success"]["0.25"] == 0.0
+    assert change["crop about the labels"] == 1.0
+    assert change["pixel overlap"] == change["plain argmax"] == 0.0
+    prices = {quirk["name"]: quirk["interval"] for quirk in got["quirks"]}
+    assert prices["crop about the labels"][0] > 0.3  # eight scenes
+
+
+def test_protocols_are_counted_once():
+    with pytest.raises(InvalidInputError, match="each of them once"):
+        evaluate_detector(Eye(), pointed(), also=["ggcnn", "ggcnn"])
+
+
+@given(seed=st.integers(0, 200))
+def test_one_of_the_first_k_is_right_as_a_brute_force_counts(seed):
+    rng = np.random.default_rng(seed)
+    scenes = fake_scenes(6, seed)
+    predictions = {name: labels(rng, 4) for name in scenes.ids[1:]}
+    for i, name in enumerate(scenes.ids[1:], start=1):
+        if rng.random() < 0.7:  # one of them is a label
+            known = predictions[name]
+            place = int(rng.integers(4))
+            parts = [known[:place], scenes.labels[i][:1], known[place + 1 :]]
+            predictions[name] = Grasps.concatenate(parts)
+    got = evaluate_predictions(predictions, scenes, top=4).to_dict()
+    for k in range(1, 5):
+        right = 0
+        for i, name in enumerate(scenes.ids):
+            first = predictions.get(name, Grasps.empty())[:k]
+            right += bool(len(first)) and bool((best_overlap(first, scenes.labels[i]) > 0.5).any())
+        assert got["top"][str(k)]["success"]["0.50"] == pytest.approx(right / 6)

@@ -82,9 +82,9 @@ def test_grasp_lines_may_follow_one_id_or_repeat_it(tmp_path):
     ("text", "problem"),
     [
         ("", "holds no predictions"),
-        ("0_x\n", "ends after the id in line 1"),
-        ("0_x\n1;2;3;4;5\n1_x\n", "ends after the id in line 3"),
-        ("0_x\n1_x\n1;2;3;4;5\n", "line 2 is an id, but line 1 (0_x) has no grasp"),
+        ("0_x\n", "line 1 (0_x) has no grasp: the file ends"),
+        ("0_x\n1;2;3;4;5\n1_x\n", "line 3 (1_x) has no grasp: the file ends"),
+        ("0_x\n1_x\n1;2;3;4;5\n", "line 1 (0_x) has no grasp: line 2 is the next id"),
         ("1;2;3;4;5\n", "line 1 is a grasp before any id"),
         ("0_x\n1;2;3;4\n", "line 2 has 4 numbers"),
         ("0_x\n1;2;3;4;5;6\n", "line 2 has 6 numbers"),
@@ -123,3 +123,22 @@ def test_what_cannot_be_written(tmp_path, name, width, size_px):
     with pytest.raises(InvalidInputError):
         write_predictions(path, {name: Grasps([[1, 2]], [0], [width], [3])}, size_px=size_px)
     assert not path.exists()
+
+
+def test_every_wrong_line_is_told(tmp_path):
+    path = tmp_path / "predictions.txt"
+    path.write_text("0_x\n1;2;3;4\n1_x\n2_x\n1;2;3;4;5\n0_x\n1;2;3;4;5\n2_x\n")
+    with pytest.raises(FileFormatError) as caught:
+        read_predictions(path)
+    told = str(caught.value)
+    for problem in (
+        "line 2 has 4 numbers",
+        "line 3 (1_x) has no grasp: line 4 is the next id",
+        "line 6 names 0_x a second time",
+        "line 8 names 2_x a second time",
+        "line 8 (2_x) has no grasp: the file ends",
+    ):
+        assert problem in told
+    path.write_text("0_x\n" + "1;2\n" * 9)
+    with pytest.raises(FileFormatError, match="and 4 more"):
+        read_predictions(path)

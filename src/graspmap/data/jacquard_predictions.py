@@ -24,6 +24,9 @@ _LAYOUT = (
     "a scene is two lines, its id and x;y;theta;opening;jaw (1024 px pixels, degrees clockwise)"
 )
 
+_TOLD = 5
+"""Wrong lines that are told one by one."""
+
 
 def read_predictions(path: Path | str) -> dict[str, Grasps]:
     """Predicted grasps by scene id, best first, in the pixels of the 1024 px picture.
@@ -34,35 +37,68 @@ def read_predictions(path: Path | str) -> dict[str, Grasps]:
         MissingFileError: The file does not exist.
         FileFormatError: It holds no predictions, a line is no id and not five finite numbers with
             a positive opening, an id has no grasp, or comes again after another one; the error
-            names the line.
+            tells each of these lines (of very many, the first ones).
     """
     path = Path(path)
-    rows: dict[str, list[list[float]]] = {}
-    current, id_line = None, 0
+    reader = _Reader()
     for number, line in read_lines(path):
-        if ";" in line:
-            if current is None:
-                raise FileFormatError(path, f"line {number} is a grasp before any id", _LAYOUT)
-            rows[current].append(_parse(path, number, line))
-            continue
-        _check_id(path, number, line)
-        if current is not None and not rows[current]:
-            raise FileFormatError(
-                path,
-                f"line {number} is an id, but line {id_line} ({current}) has no grasp",
-                _LAYOUT,
-            )
-        if line in rows and line != current:
-            raise FileFormatError(
-                path, f"line {number} names {line} a second time", "keep its grasps together"
-            )
-        current, id_line = line, number
-        rows.setdefault(line, [])
-    if current is None:
+        reader.take(number, line)
+    reader.end_of_id("the file ends")
+    if not reader.rows and not reader.problems:
         raise FileFormatError(path, "holds no predictions", _LAYOUT)
-    if not rows[current]:
-        raise FileFormatError(path, f"ends after the id in line {id_line}", _LAYOUT)
-    return {name: _grasps(lines) for name, lines in rows.items()}
+    if reader.problems:
+        shown = "; ".join(reader.problems[:_TOLD])
+        more = len(reader.problems) - _TOLD
+        raise FileFormatError(path, shown + (f"; and {more} more" if more > 0 else ""), _LAYOUT)
+    return {name: _grasps(lines) for name, lines in reader.rows.items()}
+
+
+class _Reader:
+    """Takes the lines one after the other, and notes every one that is wrong."""
+
+    def __init__(self) -> None:
+        self.rows: dict[str, list[list[float]]] = {}
+        self.problems: list[str] = []
+        self._id: str | None = None
+        self._id_line = self._grasps = 0
+
+    def take(self, number: int, line: str) -> None:
+        if ";" in line:
+            self._take_grasp(number, line)
+        elif re.search(r"\s|,", line):
+            # A grasp line with the wrong separator would pass for an id.
+            self._note(number, f"is neither an id nor a grasp: {line!r}")
+            self._grasps += 1
+        elif line == self._id:  # the pair of lines repeated
+            self.end_of_id(f"line {number} is the id again")
+            self._id_line = number
+        else:
+            self.end_of_id(f"line {number} is the next id")
+            if line in self.rows:
+                self._note(number, f"names {line} a second time; its grasps belong together")
+            self._id, self._id_line = line, number
+            self.rows.setdefault(line, [])
+
+    def _take_grasp(self, number: int, line: str) -> None:
+        self._grasps += 1
+        try:
+            values = _parse(line)
+        except ValueError as error:
+            self._note(number, str(error))
+            return
+        if self._id is None:
+            self._note(number, "is a grasp before any id")
+        else:
+            self.rows[self._id].append(values)
+
+    def end_of_id(self, why: str) -> None:
+        """Whatever follows belongs to another id."""
+        if self._id is not None and not self._grasps:
+            self.problems.append(f"line {self._id_line} ({self._id}) has no grasp: {why}")
+        self._grasps = 0
+
+    def _note(self, number: int, problem: str) -> None:
+        self.problems.append(f"line {number} {problem}")
 
 
 def write_predictions(
@@ -111,28 +147,24 @@ def _grasps(rows: list[list[float]]) -> Grasps:
     return Grasps(table[:, :2], -np.radians(table[:, 2]), table[:, 3], table[:, 4])
 
 
-def _check_id(path: Path, number: int, line: str) -> None:
-    # A grasp line with the wrong separator would pass for an id.
-    if re.search(r"\s|,", line):
-        raise FileFormatError(
-            path, f"line {number} is neither an id nor a grasp: {line!r}", _LAYOUT
-        )
+def _parse(line: str) -> list[float]:
+    """The five numbers of a grasp.
 
-
-def _parse(path: Path, number: int, line: str) -> list[float]:
+    Raises:
+        ValueError: They are none; the error says why.
+    """
     parts = line.split(";")
     if len(parts) != 5:
-        raise FileFormatError(path, f"line {number} has {len(parts)} numbers: {line!r}", _LAYOUT)
+        raise ValueError(f"has {len(parts)} numbers: {line!r}")
     try:
         values = [float(part) for part in parts]
-    except ValueError as error:
-        raise FileFormatError(path, f"line {number} is not numbers: {line!r}", _LAYOUT) from error
+    except ValueError:
+        raise ValueError(f"is not numbers: {line!r}") from None
     if not all(map(math.isfinite, values)):
-        raise FileFormatError(path, f"line {number} is not finite: {line!r}", _LAYOUT)
+        raise ValueError(f"is not finite: {line!r}")
     if values[3] <= 0 or values[4] < 0:
-        raise FileFormatError(
-            path,
-            f"line {number} has opening {values[3]:g} and jaw {values[4]:g}",
-            "the opening must be positive, the jaw not negative",
+        raise ValueError(
+            f"has opening {values[3]:g} and jaw {values[4]:g}: the opening must be positive, "
+            "the jaw not negative"
         )
     return values

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from graspmap.data.scene import Scenes
 from graspmap.errors import InvalidInputError
-from graspmap.evaluation.evaluate import Progress
 from graspmap.evaluation.film import film_trial
+from graspmap.evaluation.judge import Progress
 from graspmap.evaluation.tabletops import scene_world
 from graspmap.evaluation.trial_results import Placed, TrialEvaluation, TriedGrasp
 from graspmap.files import write_bytes

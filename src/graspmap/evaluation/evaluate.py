@@ -8,13 +8,10 @@ skipped, because the metric has nothing to say about it.
 from __future__ import annotations
 
 import difflib
-import logging
-import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from inspect import signature
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -22,28 +19,17 @@ from graspmap.data.jacquard import JACQUARD_SIDE_PX
 from graspmap.data.png import png_shape
 from graspmap.data.scene import Depth, Rgb, Scene, Scenes
 from graspmap.errors import InvalidInputError
-from graspmap.evaluation.results import Evaluation, SceneResult, object_groups
+from graspmap.evaluation.judge import Cluster, Jaw, Judge, Progress
+from graspmap.evaluation.results import Evaluation
 from graspmap.evaluation.views import look
 from graspmap.geometry.affine import resize
 from graspmap.geometry.grasps import Grasps
 from graspmap.gripper import Gripper
-from graspmap.metrics.protocols import Decoding, RectangleProtocol, find_protocol
-from graspmap.metrics.rectangle import (
-    ANGLES_DEG,
-    MAX_ANGLE,
-    THRESHOLDS,
-    overlap_by_angle,
-    score_rectangles,
-)
+from graspmap.metrics.protocols import Decoding, RectangleProtocol
+from graspmap.metrics.rectangle import THRESHOLDS
 
-Jaw = Literal["half", "given"]
-Cluster = Literal["scene", "object"]
-Progress = Callable[[int, int], object]
-"""Called with the scenes done and the scenes in all."""
-
-_TOLERANCES = tuple(np.radians(ANGLES_DEG).tolist())
-_CUSTOMARY = ANGLES_DEG.index(round(math.degrees(MAX_ANGLE)))
-_LOG = logging.getLogger(__name__)
+_TOLD = 5
+"""Unknown scenes that are named."""
 
 
 class Found(Protocol):
@@ -104,11 +90,11 @@ def evaluate_detector(
             names it), or an option is not allowed.
         FileError: A file of a scene is missing or damaged.
     """
-    chosen, *others = map(find_protocol, (protocol, *also))
-    options = _Options(thresholds, confidence, cluster, jaw, seed, top)
+    judge = Judge(protocol, also, thresholds, confidence, cluster, jaw, seed, top)
 
-    def predict(index: int) -> Callable[[RectangleProtocol], Grasps]:
-        scene, known = scenes.read(index), dict[tuple[str, str], Grasps]()
+    def grasps_of(index: int, scene: Scene | None) -> Callable[[RectangleProtocol], Grasps]:
+        assert scene is not None  # it was asked for
+        known: dict[tuple[str, str], Grasps] = {}
 
         def grasps(by: RectangleProtocol) -> Grasps:
             if (by.view, by.decoding) not in known:
@@ -118,7 +104,7 @@ def evaluate_detector(
 
         return grasps
 
-    return _evaluate(predict, scenes, chosen, others, options, progress)
+    return judge.evaluate(scenes, grasps_of, progress, pictures=True)
 
 
 def evaluate_predictions(
@@ -161,15 +147,14 @@ def evaluate_predictions(
         FileError: A file of a scene is missing or damaged.
     """
     check_ids(predictions, scenes, known_ids or ())
-    chosen, *others = map(find_protocol, (protocol, *also))
-    options = _Options(thresholds, confidence, cluster, jaw, seed, top)
+    judge = Judge(protocol, also, thresholds, confidence, cluster, jaw, seed, top)
 
-    def predict(index: int) -> Callable[[RectangleProtocol], Grasps]:
+    def grasps_of(index: int, _scene: Scene | None) -> Callable[[RectangleProtocol], Grasps]:
         grasps = predictions.get(scenes.ids[index], Grasps.empty())[:top]
         grasps = to_picture_frame(grasps, scenes, index) if len(grasps) else grasps
-        return lambda by: grasps  # noqa: ARG005
+        return lambda _by: grasps
 
-    return _evaluate(predict, scenes, chosen, others, options, progress)
+    return judge.evaluate(scenes, grasps_of, progress)
 
 
 def detect_in(
@@ -271,99 +256,6 @@ def in_file_frame(grasps: Mapping[str, Grasps], scenes: Scenes) -> dict[str, Gra
     return predictions
 
 
-@dataclass(frozen=True)
-class _Options:
-    """What all protocols of an evaluation have in common."""
-
-    thresholds: Sequence[float]
-    confidence: float
-    cluster: Cluster
-    jaw: Jaw
-    seed: int
-    top: int
-
-    def __post_init__(self) -> None:
-        for name, value, allowed in (
-            ("cluster", self.cluster, ("scene", "object")),
-            ("jaw", self.jaw, ("half", "given")),
-        ):
-            if value not in allowed:
-                raise InvalidInputError(name, repr(value), ", ".join(allowed))
-        if self.top < 1:
-            raise InvalidInputError("top", self.top, "1 or more grasps")
-
-
-def _evaluate(
-    predict: Callable[[int], Callable[[RectangleProtocol], Grasps]],
-    scenes: Scenes,
-    protocol: RectangleProtocol,
-    others: Sequence[RectangleProtocol],
-    options: _Options,
-    progress: Progress | None,
-) -> Evaluation:
-    results: dict[str, list[SceneResult]] = {p.name: [] for p in (protocol, *others)}
-    without_labels = []
-    for index, name in enumerate(scenes.ids):
-        labels = scenes.read_grasps(index)
-        if labels is None or not len(labels):
-            without_labels.append(name)
-        else:
-            grasps, object_id = predict(index), scenes.object_id(index)
-            for by in (protocol, *others):
-                found = _judge(name, object_id, grasps(by)[: options.top], labels, by, options.jaw)
-                results[by.name].append(found)
-        if progress is not None:
-            progress(index + 1, len(scenes))
-    data = f"{scenes.kind}:{scenes.root}"
-    if not results[protocol.name]:
-        raise InvalidInputError(
-            f"labels of {data}", f"none in {len(scenes)} scenes", "scenes with labelled grasps"
-        )
-    if without_labels:
-        _LOG.warning("%s: %d scenes without labels left out", data, len(without_labels))
-    finished = [
-        _score(data, by, results[by.name], tuple(without_labels), options)
-        for by in (protocol, *others)
-    ]
-    return replace(finished[0], others=tuple(finished[1:]))
-
-
-def _judge(
-    name: str,
-    object_id: str | None,
-    grasps: Grasps,
-    labels: Grasps,
-    protocol: RectangleProtocol,
-    jaw: Jaw,
-) -> SceneResult:
-    if jaw == "half":
-        grasps = grasps.replace(height=grasps.width / 2)
-    overlaps = overlap_by_angle(grasps, labels, _TOLERANCES, overlap=protocol.overlap)
-    by_angle = overlaps[0] if len(grasps) else np.zeros(len(_TOLERANCES))
-    return SceneResult(name, object_id, grasps, overlaps[:, _CUSTOMARY], by_angle)
-
-
-def _score(
-    data: str,
-    protocol: RectangleProtocol,
-    results: Sequence[SceneResult],
-    without_labels: tuple[str, ...],
-    options: _Options,
-) -> Evaluation:
-    score = score_rectangles(
-        [result.iou for result in results],
-        rng=np.random.default_rng(options.seed),
-        thresholds=options.thresholds,
-        confidence=options.confidence,
-        groups=object_groups(results) if options.cluster == "object" else None,
-        rule=protocol.rule,
-    )
-    return Evaluation(
-        data, protocol, score, tuple(results), without_labels, options.cluster,
-        options.top, options.seed,
-    )  # fmt: skip
-
-
 def check_ids(
     predictions: Mapping[str, Grasps], scenes: Scenes, known_ids: Collection[str]
 ) -> None:
@@ -381,13 +273,17 @@ def check_ids(
     unknown = [name for name in predictions if name not in known]
     if not unknown:
         return
-    near = difflib.get_close_matches(unknown[0], sorted(known), n=3)
-    hint = f"; nearest to it: {', '.join(near)}" if near else ""
+    names, told = sorted(known), []
+    for name in unknown[:_TOLD]:
+        near = difflib.get_close_matches(name, names, n=1)
+        told.append(repr(name) + (f" (nearest: {near[0]})" if near else ""))
+    more = ", ..." if len(unknown) > _TOLD else ""
     raise InvalidInputError(
         "predicted scenes",
-        f"{len(unknown)} of {len(predictions)} not in {scenes.kind}:{scenes.root}, "
-        f"first {unknown[0]!r}",
-        f"ids of its {len(known)} scenes{hint}",
+        f"{len(unknown)} of {len(predictions)} not in {scenes.kind}:{scenes.root}: "
+        + ", ".join(told)
+        + more,
+        f"ids of its {len(known)} scenes",
     )
 
 

@@ -11,11 +11,11 @@ from graspmap.data.scene import Scenes
 from graspmap.errors import GraspmapError, InvalidInputError
 from graspmap.evaluation.evaluate import (
     GraspDetector,
-    Progress,
     check_ids,
     detect_in,
     to_picture_frame,
 )
+from graspmap.evaluation.judge import Progress
 from graspmap.evaluation.tabletops import scene_gripper
 from graspmap.geometry.grasps import Grasps
 from graspmap.gripper import Gripper

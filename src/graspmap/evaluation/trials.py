@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from graspmap import __version__
 from graspmap.data.scene import Scenes
 from graspmap.errors import GraspmapError, InvalidInputError, StorageFullError
-from graspmap.evaluation.evaluate import Cluster, Progress
+from graspmap.evaluation.judge import Cluster, Progress
 from graspmap.evaluation.tabletops import SceneWorld, scene_world
 from graspmap.evaluation.trial_journal import SceneTrials, TrialJournal, open_journal, scene_stamp
 from graspmap.evaluation.trial_plan import Jaw, TrialPlan

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from graspmap.data.scene import Scene, Scenes
 from graspmap.errors import InvalidInputError
 from graspmap.evaluation.animations import film_of
-from graspmap.evaluation.evaluate import GraspDetector, Progress
+from graspmap.evaluation.evaluate import GraspDetector
+from graspmap.evaluation.judge import Progress
 from graspmap.evaluation.results import Evaluation, SceneResult
 from graspmap.evaluation.trial_results import TrialEvaluation, TriedGrasp
 from graspmap.geometry.affine import crop, resize
