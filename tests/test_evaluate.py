@@ -303,7 +303,7 @@ def test_predictions_for_unknown_scenes_name_the_nearest():
     assert "1 of 2" in str(caught.value)
     assert "'scene0012' (nearest: scene012)" in str(caught.value)
     assert "\n" not in str(caught.value)
-    with pytest.raises(InvalidInputError, match=r"first 'zzz'; allowed: ids of its 20 scenes$"):
+    with pytest.raises(InvalidInputError, match=r": 'zzz'; allowed: ids of its 20 scenes$"):
         evaluate_predictions({"zzz": scenes.labels[0]}, scenes)
 
 
