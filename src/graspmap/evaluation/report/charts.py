@@ -93,6 +93,20 @@ def _reliability(data: Data) -> Plot | None:
     )
 
 
+def _saliency(data: Data) -> Plot | None:
+    saliency = (data.get("tasks") or {}).get("saliency")
+    if not saliency or not saliency.get("precision"):
+        return None
+    line = Series("", saliency["recall"], saliency["precision"])
+    return line_chart(
+        [Panel("", (line,))],
+        x_label="recall",
+        y_label="precision",
+        x_range=(0.0, 1.02),
+        y_range=(0.0, 1.02),
+    )
+
+
 def _confusion(data: Data) -> Plot | None:
     category = (data.get("tasks") or {}).get("category")
     if not category or not category.get("confusion"):
@@ -114,6 +128,7 @@ _PLOTS: dict[str, Callable[[Data], Plot | None]] = {
     "quirks": _quirks,
     "outcomes": _outcomes,
     "reliability": _reliability,
+    "saliency": _saliency,
     "confusion": _confusion,
     "egad": lambda data: _grid(data, "success"),
     "egad_ceiling": lambda data: _grid(data, "ceiling"),
