@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -75,6 +76,8 @@ class Evaluate:
     """What the intervals take as independent."""
     baseline: bool = False
     """Also measure a grasp that is always at the picture's centre."""
+    speed: bool = False
+    """Also time the detection, as `graspmap bench` does."""
     seed: Annotated[int, option("N", "default: 0")] = 0
     """Seed of the intervals."""
     device: Annotated[str, option("NAME", "default: cpu")] = "cpu"
@@ -108,6 +111,11 @@ def run(argv: Sequence[str]) -> int:
     sections: dict[str, Any] = {"detector": _detector(flags, chosen)}
     if flags.baseline:
         sections["baselines"] = {"centre": _baseline(flags, chosen)}
+    tasks = _tasks(flags, chosen)
+    if tasks is not None:
+        sections["tasks"] = tasks
+    if flags.speed:
+        sections["speed"] = _speed(flags, chosen)
     tried = None
     if flags.trials:
         tried = _trials(flags, chosen, predictions)
@@ -136,6 +144,8 @@ def _check(flags: Evaluate) -> None:
     for name, value, least in (("--seed", flags.seed, 0), ("--top", flags.top, 1)):
         if value < least:
             raise InvalidInputError(name, value, f"{least} or more")
+    if flags.speed and flags.weights is None:
+        raise InvalidInputError("--speed", "given", "only with --weights")
     flags.trial.check()
     unused = [name for name in _TRIAL_FLAGS if getattr(flags.trial, name)]
     if unused and not flags.trials:
@@ -196,19 +206,38 @@ def _detector(flags: Evaluate, chosen: Selection) -> dict[str, Any]:
     """What was measured."""
     if chosen.detector is None:
         return {"kind": "predictions", "file": str(flags.predictions)}
-    from graspmap.networks import multiply_adds, parameter_count
+    return {"kind": "weights", "file": str(flags.weights), **chosen.detector.describe()}
 
-    card, network = chosen.detector.card, chosen.detector.network
-    return {
-        "kind": "weights",
-        "file": str(flags.weights),
-        "network": card.network,
-        "channels": card.channels,
-        "bins": card.bins,
-        "size": card.size,
-        "parameters": parameter_count(network),
-        "multiply_adds": multiply_adds(network, card.size, card.size),
-    }
+
+def _tasks(flags: Evaluate, chosen: Selection) -> dict[str, Any] | None:
+    """The tasks beside grasping that the network does; None where it does none of them."""
+    from graspmap.evaluation.task_scores import evaluate_tasks
+    from graspmap.networks import AUXILIARY_TASKS
+
+    detector = chosen.detector
+    if detector is None or not {t.name for t in detector.card.tasks} & set(AUXILIARY_TASKS):
+        return None
+    with progress("measuring tasks beside grasping") as update:
+        found = evaluate_tasks(
+            detector, chosen.scenes, cluster=flags.cluster, seed=flags.seed, progress=update
+        )
+    return found.to_dict()
+
+
+def _speed(flags: Evaluate, chosen: Selection) -> dict[str, Any]:
+    """Latency of detection in a scene of the data, on one thread and on all."""
+    from graspmap.evaluation.latency import measure_speed
+
+    assert chosen.detector is not None  # _check() saw to it
+    threads = tuple(dict.fromkeys((1, os.cpu_count() or 1)))
+    speed = measure_speed({"torch": chosen.detector}, chosen.scenes[0], threads=threads)
+    for latency in speed.settings:
+        total = latency.to_dict()["total"]
+        teller(flags.json)(
+            f"detection on {latency.threads} threads: {total['p50_ms']:.1f} ms "
+            f"(90 of 100 within {total['p90_ms']:.1f} ms)"
+        )
+    return speed.to_dict()
 
 
 def _trials(flags: Evaluate, chosen: Selection, predictions: dict[str, Grasps] | None) -> _Tried:
