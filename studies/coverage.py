@@ -239,7 +239,7 @@ def cover(case: Case, experiments: int, resamples: int, seed: int) -> Coverage:
 
 
 def run(
-    experiments: int = 1000, resamples: int = 500, seed: int = 0, out: Path | None = None
+    experiments: int = 1000, resamples: int = 1000, seed: int = 0, out: Path | None = None
 ) -> dict[str, Any]:
     """Count how often intervals hold the truth.
 

@@ -197,8 +197,11 @@ def sign_flip(
     sums = sums[sums != 0]
     step, reached = max(1, _CHUNK // max(1, len(sums))), 0
     for start in range(0, flips, step):
-        signs = rng.integers(0, 2, (min(step, flips - start), len(sums)), dtype=np.int8)
-        reached += int((np.abs((2.0 * signs - 1.0) @ sums) >= least).sum())
+        rows = min(step, flips - start)
+        bytes_ = rng.integers(0, 256, (rows, -(-len(sums) // 8)), dtype=np.uint8)
+        kept = np.unpackbits(bytes_, axis=1, count=len(sums))
+        # Those that keep their sign minus the others.
+        reached += int((np.abs(2 * (kept @ sums) - sums.sum()) >= least).sum())
     return (reached + 1) / (flips + 1)
 
 
