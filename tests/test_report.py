@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from graspmap import cli
 from graspmap.data import read_scenes
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.evaluation import TrialPlan, evaluate_detector, try_grasps
@@ -23,7 +24,9 @@ from graspmap.evaluation.report.gallery import Exhibit, choose_scenes, make_gall
 from graspmap.evaluation.report.numbers import NOTHING, Numbers, as_text, key_of
 from graspmap.evaluation.report.page import write_report
 from graspmap.geometry.grasps import Grasps
+from graspmap.inference import WeightsCard, save_weights
 from graspmap.maps.grasp_maps import GraspMaps
+from graspmap.networks import make_network
 from page_numbers import Page, check_numbers, steps_of
 
 NASTY = "<b>&\"'x"
@@ -81,7 +84,10 @@ def full_summary():
         "protocols": {k: rectangles(rng) for k in ("strict", "ggcnn", "orange")},
         "quirks": [{"name": NASTY, "summary": NASTY, "success": 0.7, "change": -0.0123,
                     "interval": [-0.03, 0.002]}],
-        "baselines": {"centre": rectangles(rng)},
+        "baselines": {
+            "centre": {"summary": NASTY, **rectangles(rng)},
+            "moments": {**rectangles(rng), "trials": score(rng)},
+        },
         "trials": {
             **score(rng, 500), "scenes": 250, "grippers": ["franka"], "object_mean": 0.5,
             "outcomes": {"held": 300, "slipped": 200}, "robust_success": 0.456,
@@ -124,8 +130,9 @@ def full_summary():
 
 
 UNSEEN = re.compile(
-    r"curve\.|tasks\.saliency\.(precision|recall)|egad\.grid\.(success|ceiling)|tasks\.category\.confusion"
-    r"|top\..*\.(miou|auc)|egad\.per_object\..*\.ceiling\.(trials|held|interval)"
+    r"curve\.|tasks\.saliency\.(precision|recall)|tasks\.category\.confusion"
+    r"|top\..*\.(miou|auc)|baselines\.moments\.trials\.(trials|held)"
+    r"|egad\.grid\.(success|ceiling)|egad\.per_object\..*\.ceiling\.(trials|held|interval)"
 )
 """What is drawn and not written, or of which a page shows a part."""
 
@@ -223,6 +230,20 @@ def test_what_a_summary_lacks_is_left_out(tmp_path, keys):
     page = Page(write_report(tmp_path, summary).read_text())
     check_numbers(page, summary)
     assert {steps_of(key)[0] for key, _, _ in page.shown} <= set(keys)
+
+
+def test_the_page_of_the_command_says_what_its_json_says(generated, tmp_path, capsys):
+    weights = tmp_path / "w.safetensors"
+    card = WeightsCard(network="ggcnn2", channels="depth", size=64, width_scale_px=30.0)
+    save_weights(weights, make_network("ggcnn2", 1, 1), card)
+    data = ["--data", f"jacquard:{generated}", "--weights", str(weights)]
+    assert cli.main(["evaluate", *data, "--top", "2", "--out", str(tmp_path / "out")]) == 0
+    assert "report.html" in capsys.readouterr().out
+    summary = json.loads((tmp_path / "out/evaluation.json").read_text())
+    assert len(summary["gallery"]) == 3
+    page = Page((tmp_path / "out/report.html").read_text())
+    check_numbers(page, summary)
+    assert {'success."0.25"', "miou", "gallery[0].overlap"} <= {k for k, _, _ in page.shown}
 
 
 def test_it_fits_a_laptop_and_a_phone_without_a_complaint(written, tmp_path):

@@ -1,6 +1,7 @@
 """Pictures for people: grasps drawn on images, maps and depth in colour, sheets of many.
 
-All pictures are (H, W, 3) uint8 RGB arrays; OpenCV loads at the first one.
+All pictures are (H, W, 3) uint8 RGB arrays; OpenCV loads at the first one. Plots of numbers are in
+`graspmap.pictures.plots` and `graspmap.pictures.heat_maps`.
 """
 
 from graspmap.pictures.draw import draw_grasps, encode, write_text
