@@ -12,6 +12,7 @@ from graspmap.lazy import lazy_names
 if TYPE_CHECKING:
     from graspmap.evaluation.animations import animate_trials
     from graspmap.evaluation.baselines import CenterGrasp, center_grasp_baseline
+    from graspmap.evaluation.compare import Comparison, compare_runs
     from graspmap.evaluation.evaluate import (
         GraspDetector,
         evaluate_detector,
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
         labelled_grasps,
         predict_scenes,
     )
+    from graspmap.evaluation.report.comparison_page import write_comparison
+    from graspmap.evaluation.report.gallery import Exhibit, make_gallery
+    from graspmap.evaluation.report.page import write_report
     from graspmap.evaluation.results import Evaluation, SceneResult
     from graspmap.evaluation.task_scores import TaskEvaluation, evaluate_tasks
     from graspmap.evaluation.trial_plan import TrialPlan
@@ -33,7 +37,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CenterGrasp",
+    "Comparison",
     "Evaluation",
+    "Exhibit",
     "GraspDetector",
     "GraspsToTry",
     "SceneResult",
@@ -43,21 +49,27 @@ __all__ = [
     "TriedGrasp",
     "animate_trials",
     "center_grasp_baseline",
+    "compare_runs",
     "evaluate_detector",
     "evaluate_predictions",
     "evaluate_tasks",
     "file_predictions",
     "in_file_frame",
     "labelled_grasps",
+    "make_gallery",
     "predict_scenes",
     "to_predictions",
     "try_grasps",
+    "write_comparison",
+    "write_report",
     "write_trials",
 ]
 
 _HOME = {
     "CenterGrasp": "baselines",
+    "Comparison": "compare",
     "Evaluation": "results",
+    "Exhibit": "report.gallery",
     "GraspDetector": "evaluate",
     "GraspsToTry": "grasps_to_try",
     "SceneResult": "results",
@@ -67,15 +79,19 @@ _HOME = {
     "TriedGrasp": "trial_results",
     "animate_trials": "animations",
     "center_grasp_baseline": "baselines",
+    "compare_runs": "compare",
     "evaluate_detector": "evaluate",
     "evaluate_predictions": "evaluate",
     "evaluate_tasks": "task_scores",
     "file_predictions": "grasps_to_try",
     "in_file_frame": "evaluate",
     "labelled_grasps": "grasps_to_try",
+    "make_gallery": "report.gallery",
     "predict_scenes": "grasps_to_try",
     "to_predictions": "evaluate",
     "try_grasps": "trials",
+    "write_comparison": "report.comparison_page",
+    "write_report": "report.page",
     "write_trials": "trial_results",
 }
 
