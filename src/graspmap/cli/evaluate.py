@@ -19,7 +19,7 @@ from graspmap.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from graspmap.data import Scenes
-    from graspmap.evaluation import Evaluation, TrialEvaluation
+    from graspmap.evaluation import Evaluation, GraspDetector, TrialEvaluation
     from graspmap.geometry import Grasps
     from graspmap.metrics import RectangleProtocol
 
@@ -75,7 +75,8 @@ class Evaluate:
     )
     """What the intervals take as independent."""
     baseline: bool = False
-    """Also measure a grasp that is always at the picture's centre."""
+    """Also measure what needs no learning: always the picture's centre; across the outline's short
+    axis; the best facing points of the outline."""
     speed: bool = False
     """Also time the detection, as `graspmap bench` does."""
     seed: Annotated[int, option("N", "default: 0")] = 0
@@ -110,7 +111,7 @@ def run(argv: Sequence[str]) -> int:
     _tell(flags, result)
     sections: dict[str, Any] = {"detector": _detector(flags, chosen)}
     if flags.baseline:
-        sections["baselines"] = {"centre": _baseline(flags, chosen)}
+        sections["baselines"] = _baselines(flags, chosen)
     tasks = _tasks(flags, chosen)
     if tasks is not None:
         sections["tasks"] = tasks
@@ -118,7 +119,7 @@ def run(argv: Sequence[str]) -> int:
         sections["speed"] = _speed(flags, chosen)
     tried = None
     if flags.trials:
-        tried = _trials(flags, chosen, predictions)
+        tried = _try(flags, chosen, chosen.detector or predictions or {})
         sections |= tried.sections
     if chosen.split is not None:
         sections["split"] = {"part": chosen.part, "hash": chosen.split.hash}
@@ -240,23 +241,23 @@ def _speed(flags: Evaluate, chosen: Selection) -> dict[str, Any]:
     return speed.to_dict()
 
 
-def _trials(flags: Evaluate, chosen: Selection, predictions: dict[str, Grasps] | None) -> _Tried:
-    """The same scenes in physics."""
+def _try(flags: Evaluate, chosen: Selection, source: GraspDetector | dict[str, Grasps]) -> _Tried:
+    """The same scenes in physics: what a detector finds, or finished grasps by scene."""
     from graspmap.data import read_scenes
     from graspmap.evaluation import file_predictions, predict_scenes, try_grasps
     from graspmap.evaluation.sections import calibration_section, trials_section
 
     plan = flags.trial.plan(top=flags.top, seed=flags.seed)
-    if predictions is not None:
-        todo = file_predictions(predictions, chosen.scenes, chosen.everything.ids)
+    if isinstance(source, dict):
+        todo = file_predictions(source, chosen.scenes, chosen.everything.ids)
     else:
-        assert chosen.detector is not None  # there is one of the two
         with progress("detecting what the gripper can open for") as update:
             todo = predict_scenes(
-                chosen.detector, chosen.scenes, top=flags.top, gripper=plan.gripper, progress=update
+                source, chosen.scenes, top=flags.top, gripper=plan.gripper, progress=update
             )
     # Exact depth, whatever the network saw: it says where things really are.
     scenes = read_scenes(flags.data, depth=flags.trial.trial_depth).subset(chosen.scenes.ids)
+    own = source is chosen.detector or isinstance(source, dict)
     start = time.perf_counter()
     with progress("trying grasps, scenes", per_hour="scenes") as update:
         trials = try_grasps(
@@ -266,12 +267,12 @@ def _trials(flags: Evaluate, chosen: Selection, predictions: dict[str, Grasps] |
             skipped=todo.skipped,
             cluster=flags.cluster,
             workers=flags.trial.processes,
-            folder=flags.out,
+            folder=flags.out if own else None,
             progress=update,
         )
     sections = {"trials": trials_section(trials, scenes, time.perf_counter() - start)}
     _tell_trials(flags, sections["trials"])
-    if predictions is None:  # a predictions file has no quality
+    if source is chosen.detector:  # nobody else's quality is meant to be a probability
         sections["calibration"] = calibration_section(trials)
         found = sections["calibration"]
         low, high = found["ece_interval"]
@@ -303,7 +304,6 @@ def _write(
     if trials is not None:
         write_trials(trials, flags.out)
     outcomes = None if trials is None else outcomes_by_scene(trials)
-    summary = result.write(flags.out, sections, outcomes)
     with progress("drawing the report") as update:
         gallery = make_gallery(
             result,
@@ -314,6 +314,8 @@ def _write(
             seed=flags.seed,
             progress=update,
         )
+    sections = {**sections, "gallery": [exhibit.to_dict() for exhibit in gallery]}
+    summary = result.write(flags.out, sections, outcomes)
     report = write_report(flags.out, summary, gallery)
     teller(flags.json)(f"  see {report}")
     return summary
@@ -328,25 +330,42 @@ def _write_predictions(path: Path, result: Evaluation, scenes: Scenes) -> None:
     write_predictions(path, to_predictions(result, scenes), size_px=JACQUARD_SIDE_PX)
 
 
-def _baseline(flags: Evaluate, chosen: Selection) -> dict[str, Any]:
-    """The centre grasp; angle and opening are those of the training labels where a split says."""
+def _baselines(flags: Evaluate, chosen: Selection) -> dict[str, Any]:
+    """What needs no learning, by name: rectangles and, where they are asked for, trials."""
     from graspmap.evaluation import center_grasp_baseline, evaluate_detector
+    from graspmap.evaluation.shape_baselines import AntipodalGrasp, MomentsGrasp
 
     split = chosen.split
     known = split is not None and "train" in split.parts
     training = (
         split.subset(chosen.everything, "train") if known and split is not None else chosen.scenes
     )
-    result = evaluate_detector(
-        center_grasp_baseline(training),
-        chosen.scenes,
-        protocol="strict" if flags.protocol == "all" else flags.protocol,
-        cluster=flags.cluster,
-        seed=flags.seed,
-    )
     source = "the training labels" if known else "these very labels"
-    _tell(flags, result, f"always the centre, angle and opening from {source}: ")
-    return result.to_dict()
+    detectors: dict[str, tuple[str, GraspDetector]] = {
+        "centre": (
+            f"always the centre, angle and opening from {source}",
+            center_grasp_baseline(training),
+        ),
+    }
+    if chosen.scenes[0].depth is not None:
+        detectors["moments"] = ("across the outline's short axis, at its centroid", MomentsGrasp())
+        detectors["antipodal"] = ("best facing points of the outline", AntipodalGrasp())
+    found = {}
+    for name, (words, detector) in detectors.items():
+        with progress(f"baseline {name}") as update:
+            result = evaluate_detector(
+                detector,
+                chosen.scenes,
+                protocol="strict" if flags.protocol == "all" else flags.protocol,
+                cluster=flags.cluster,
+                seed=flags.seed,
+                progress=update,
+            )
+        _tell(flags, result, f"{words}: ")
+        found[name] = {"summary": words, **result.to_dict()}
+        if flags.trials:
+            found[name]["trials"] = _try(flags, chosen, detector).sections["trials"]
+    return found
 
 
 def _tell(flags: Evaluate, result: Evaluation, title: str = "") -> None:

@@ -30,18 +30,21 @@ if TYPE_CHECKING:
     from graspmap.evaluation.report.gallery import Exhibit, make_gallery
     from graspmap.evaluation.report.page import write_report
     from graspmap.evaluation.results import Evaluation, SceneResult
+    from graspmap.evaluation.shape_baselines import AntipodalGrasp, MomentsGrasp
     from graspmap.evaluation.task_scores import TaskEvaluation, evaluate_tasks
     from graspmap.evaluation.trial_plan import TrialPlan
     from graspmap.evaluation.trial_results import TrialEvaluation, TriedGrasp, write_trials
     from graspmap.evaluation.trials import try_grasps
 
 __all__ = [
+    "AntipodalGrasp",
     "CenterGrasp",
     "Comparison",
     "Evaluation",
     "Exhibit",
     "GraspDetector",
     "GraspsToTry",
+    "MomentsGrasp",
     "SceneResult",
     "TaskEvaluation",
     "TrialEvaluation",
@@ -66,6 +69,8 @@ __all__ = [
 ]
 
 _HOME = {
+    "AntipodalGrasp": "shape_baselines",
+    "MomentsGrasp": "shape_baselines",
     "CenterGrasp": "baselines",
     "Comparison": "compare",
     "Evaluation": "results",
