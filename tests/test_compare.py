@@ -57,8 +57,8 @@ def write_trials(folder, held, data="jacquard:/data"):
     for i, one in enumerate(held):
         lines += [f"s{i},o{i // 4},0,{'held' if one else 'empty'}", f"s{i},o{i // 4},1,held"]
     (folder / "per_grasp.csv").write_text("\n".join(lines) + "\n")
-    share = float(np.mean(held))
-    summary = {"data": data, "cluster": "scene", "trials": len(held), "held": int(sum(held)),
+    share = float(np.mean(held) + 1) / 2  # of both ranks
+    summary = {"data": data, "cluster": "scene", "trials": 80, "held": round(80 * share),
                "success": share, "interval": [share / 2, (1 + share) / 2]}  # fmt: skip
     (folder / "trials.json").write_text(json.dumps(summary))
 
@@ -114,6 +114,8 @@ def test_trials_by_themselves_compare_with_an_evaluation(tmp_path):
     found = compare_runs([tmp_path / "a", tmp_path / "b"])
     assert {p.measure for p in found.pairs} == {"held"}
     assert pair(found, "held").result.difference == pytest.approx(held_a.mean())
+    trials = found.to_dict()["runs"]["a"]["trials"]
+    assert (trials["trials"], trials["held"]) == (SCENES, held_a.sum())  # of the best grasps
     page = write_comparison(found, tmp_path / "out")[0]
     check_numbers(Page(page.read_text()), found.to_dict())
 
@@ -214,6 +216,7 @@ def rewrite(name, old, new):
          MissingFileError, "has neither evaluation.json nor trials.json"),
         (lambda f: (f / "per_scene.csv").unlink(), MissingFileError, "per_scene.csv: no such file"),
         (rewrite("evaluation.json", "{", "{,"), FileFormatError, "is no JSON (line 1"),
+        (rewrite("evaluation.json", '"success"', '"egad"'), FileFormatError, "no scenes to share"),
         (rewrite("evaluation.json", '"miou"', '"mean"'), FileFormatError, "miou is missing"),
         (rewrite("evaluation.json", '"auc": 0', '"auc": "x", "b": 0'), FileFormatError,
          "auc is 'x'"),

@@ -69,14 +69,17 @@ def run(argv: Sequence[str]) -> int:
 
 
 def _tell(comparison: Comparison, tell: Callable[[str], None]) -> None:
+    from graspmap.evaluation.compare import best_trials
+
     width = max(map(len, comparison.runs))
     tell(f"{len(comparison.runs)} evaluations of {next(iter(comparison.runs.values())).data}")
     for name, found in comparison.runs.items():
         parts = [
             f"IoU {t} {share:.1%}" for t, share in (found.summary.get("success") or {}).items()
         ]
-        if found.summary.get("trials"):
-            parts.append(f"held {found.summary['trials']['success']:.1%}")
+        trials = best_trials(found)
+        if trials is not None:
+            parts.append(f"held {trials.success:.1%}")
         tell(f"  {name:<{width}}  {', '.join(parts)}")
     for pair in comparison.pairs:
         result = pair.result

@@ -17,10 +17,10 @@ from graspmap.errors import InvalidInputError
 from graspmap.evaluation.run_folder import MeasuredScene, RunFolder, read_run_folder
 from graspmap.metrics.correlation import Correlation, correlate
 from graspmap.metrics.paired import PairedComparison, compare_paired
+from graspmap.metrics.trial import HELD, TrialScore, score_trials
 
 _LEAST_MODELS = 4  # a correlation over fewer says nothing
-_SHOWN = ("data", "protocol", "scenes", "success", "interval", "miou", "miou_interval", "auc")
-_TRIALS_SHOWN = ("trials", "held", "success", "interval", "robust_success", "robust_interval")
+_SHOWN = ("protocol", "scenes", "success", "interval", "miou", "miou_interval", "auc")
 
 Measure = Callable[[MeasuredScene], float | None]
 
@@ -73,10 +73,24 @@ class Comparison:
         return {
             "confidence": self.confidence,
             "cluster": self.cluster,
-            "runs": {name: _shown(run) for name, run in self.runs.items()},
+            "runs": {name: self._shown(run) for name, run in self.runs.items()},
             "pairs": [pair.to_dict() for pair in self.pairs],
             "correlations": {name: c.to_dict() for name, c in self.correlations.items()},
         }
+
+    def _shown(self, run: RunFolder) -> dict[str, Any]:
+        """What a comparison shows of a run; its trials are those of each scene's best grasp."""
+        shown = {name: run.summary[name] for name in _SHOWN if name in run.summary}
+        shown |= {name: run.summary[name] for name in ("detector", "curve") if name in run.summary}
+        score = best_trials(run, by_object=self.cluster == "object", confidence=self.confidence)
+        if score is not None:
+            shown["trials"] = {
+                "trials": score.trials,
+                "held": score.held,
+                "success": score.success,
+                "interval": list(score.interval),
+            }
+        return {"folder": str(run.folder), **shown, "data": run.data}
 
 
 def compare_runs(
@@ -120,6 +134,30 @@ def compare_runs(
         _correlations(runs, confidence),
         confidence,
         "object" if by_object else "scene",
+    )
+
+
+def best_trials(
+    run: RunFolder, *, by_object: bool = False, confidence: float = 0.95, seed: int = 0
+) -> TrialScore | None:
+    """Trials of the best grasp of each scene, whatever else was tried; None without trials.
+
+    Args:
+        run: The run.
+        by_object: Whether objects are what the interval takes as independent; else scenes.
+        confidence: Of the interval.
+        seed: Of the interval.
+    """
+    tried = {name: scene for name, scene in run.scenes.items() if scene.held is not None}
+    if not tried:
+        return None
+    objects = [scene.object_id or name for name, scene in tried.items()]
+    return score_trials(
+        [HELD if scene.held else "failed" for scene in tried.values()],
+        objects,
+        rng=np.random.default_rng(seed),
+        groups=objects if by_object else None,
+        confidence=confidence,
     )
 
 
@@ -211,12 +249,12 @@ def _compare(
 
 
 def _correlations(runs: Mapping[str, RunFolder], confidence: float) -> dict[str, Correlation]:
-    """Each offline measure with the success of trials, over the runs that have both."""
-    both = [run.summary for run in runs.values() if "success" in run.summary]
-    both = [summary for summary in both if summary.get("trials")]
+    """Each offline measure with the share of best grasps that held, over runs that have both."""
+    scores = {name: best_trials(run) for name, run in runs.items() if "success" in run.summary}
+    held = [score.success for score in scores.values() if score is not None]
+    both = [runs[name].summary for name, score in scores.items() if score is not None]
     if len(both) < _LEAST_MODELS:
         return {}
-    held = [summary["trials"]["success"] for summary in both]
     measures = {
         f"success at IoU {t}": [summary["success"].get(t) for summary in both]
         for t in both[0]["success"]
@@ -228,15 +266,3 @@ def _correlations(runs: Mapping[str, RunFolder], confidence: float) -> dict[str,
         for name, values in measures.items()
         if None not in values
     }
-
-
-def _shown(run: RunFolder) -> dict[str, Any]:
-    """What a comparison shows of a run."""
-    shown = {name: run.summary[name] for name in _SHOWN if name in run.summary}
-    trials = run.summary.get("trials")
-    if trials:
-        shown["trials"] = {name: trials[name] for name in _TRIALS_SHOWN if name in trials}
-    for name in ("detector", "curve"):
-        if run.summary.get(name):
-            shown[name] = run.summary[name]
-    return {"folder": str(run.folder), **shown, "data": run.data}

@@ -16,6 +16,7 @@ from graspmap.files import read_text
 from graspmap.metrics.trial import HELD
 
 _REMEDY = "evaluate again with --out"
+_OTHER = "name a folder that graspmap evaluate --data or graspmap trial wrote with --out"
 _BEST_RANK = "0"
 _RIGHT = "correct@"
 _TRIALS: Mapping[str, type] = {"data": str, "cluster": str, "success": float, "interval": list}
@@ -78,12 +79,16 @@ def read_run_folder(folder: Path | str) -> RunFolder:
         raise MissingFileError(
             root,
             f"has neither {results.SUMMARY_FILE} nor {trial_results.SUMMARY_FILE}",
-            "name a folder that graspmap evaluate or graspmap trial wrote with --out",
+            _OTHER,
         )
     summary: dict[str, Any] = {}
     scenes: dict[str, MeasuredScene] = {}
     if evaluation.is_file():
         summary = _read_json(evaluation)
+        if "egad" in summary and "success" not in summary:
+            raise FileFormatError(
+                evaluation, "holds trials of EGAD, which have no scenes to share", _OTHER
+            )
         _check(summary, evaluation, _EVALUATION)
         scenes = _read_scenes(root / results.PER_SCENE_FILE)
     if trials.is_file():

@@ -275,7 +275,7 @@ def reliability_diagram(
             ax.annotate(
                 f"{number:.0f}", (place, share), (7, -11), textcoords="offset points", fontsize=8
             )
-        ax.set(xlabel=x_label, ylabel=y_label, xlim=(0, 1.02), ylim=(0, 1.02))
+        ax.set(xlabel=x_label, ylabel=y_label, xlim=(-0.03, 1.03), ylim=(-0.03, 1.03))
         return laid_out(figure)
 
 
