@@ -32,6 +32,8 @@ from graspmap.simulation.tabletop import PlacedObject, Tabletop
 SUFFIX = "_scene.json"
 _REMEDY = "make the scene again, or copy the file again"
 _RGB = "_RGB.png"
+_MADE_FROM = {"procedural": ("seed", "index"), "mesh": ("hash",)}
+"""What tells objects apart, by the kind of their source."""
 _LIBRARIES = ("graspmap", "mujoco", "manifold3d", "numba", "numpy")
 
 Rows = tuple[tuple[float, ...], ...]
@@ -181,6 +183,27 @@ def read_record(path: Path) -> SceneRecord:
         ) from error
     except InvalidInputError as error:
         raise FileFormatError(path, f"is no record of a scene ({error})", _REMEDY) from error
+
+
+def read_object_keys(path: Path) -> frozenset[tuple[str, ...]]:
+    """What the objects of a recorded scene are made from: equal keys are equal objects.
+
+    Only that is read and checked, so that thousands of records take a second. Objects whose record
+    does not say what they are made from have no key.
+
+    Raises:
+        MissingFileError: There is no such file.
+        FileFormatError: It is no record.
+    """
+    try:
+        sources = [item.get("source", {}) for item in json.loads(read_text(path))["objects"]]
+        return frozenset(
+            (source["kind"], *(str(source[name]) for name in _MADE_FROM[source["kind"]]))
+            for source in sources
+            if source
+        )
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise FileFormatError(path, f"is no record of a scene ({error!r})", _REMEDY) from error
 
 
 def find_record(files: Iterable[Path]) -> Path | None:

@@ -52,7 +52,10 @@ class DataCard(BaseModel):
         split_hash: Hash of the split's content.
         store_key: Key of the packed cache, which is a hash over all source files.
         scenes: Number of scenes by part.
+        validation_source: Data set of the validation part, where it is another one.
+        validation_key: Key of its packed cache.
         test_source: Data set of the test part, where it is another one.
+        test_key: Key of its packed cache.
         classes: Class names of the category task, in the order of its outputs.
     """
 
@@ -64,7 +67,10 @@ class DataCard(BaseModel):
     split_hash: str | None = None
     store_key: str | None = None
     scenes: dict[str, int] = Field(default_factory=dict)
+    validation_source: str | None = None
+    validation_key: str | None = None
     test_source: str | None = None
+    test_key: str | None = None
     classes: tuple[str, ...] = ()
 
 

@@ -8,7 +8,7 @@ Letters in shapes: B pictures, C channels, N bins, S side of the input.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -180,16 +180,16 @@ class GraspData(lightning.LightningDataModule):
     """The loaders of one run.
 
     Args:
-        samples: The samples of all parts.
-        parts: Indices of the scenes of each part, ``train``, ``validation`` and ``test``.
+        samples: Those of each part, ``train``, ``validation`` and ``test``.
+        parts: Indices of the scenes of each part.
         state: Where the run stands.
         pin_memory: Whether batches go to an accelerator.
     """
 
     def __init__(
         self,
-        samples: Samples,
-        parts: dict[str, tuple[int, ...]],
+        samples: Mapping[str, Samples],
+        parts: Mapping[str, tuple[int, ...]],
         state: RunState,
         *,
         pin_memory: bool = False,
@@ -200,7 +200,8 @@ class GraspData(lightning.LightningDataModule):
 
     def train_dataloader(self) -> DataLoader[Any]:
         """Moved samples, from where the run stands."""
-        return self._loader(DrawSampler(self.parts["train"], self.samples.experiment, self._state))
+        experiment = self.samples["train"].experiment
+        return self._loader("train", DrawSampler(self.parts["train"], experiment, self._state))
 
     def val_dataloader(self) -> DataLoader[Any]:
         """The validation part, unmoved, in order."""
@@ -212,13 +213,14 @@ class GraspData(lightning.LightningDataModule):
 
     def _in_order(self, part: str) -> DataLoader[Any]:
         draws = [Draw(index) for index in self.parts[part]]
-        size = self.samples.experiment.training.batch_size
-        return self._loader([draws[i : i + size] for i in range(0, len(draws), size)])
+        size = self.samples[part].experiment.training.batch_size
+        return self._loader(part, [draws[i : i + size] for i in range(0, len(draws), size)])
 
-    def _loader(self, batches: Any) -> DataLoader[Any]:
-        workers = self.samples.experiment.training.workers
+    def _loader(self, part: str, batches: Any) -> DataLoader[Any]:
+        samples = self.samples[part]
+        workers = samples.experiment.training.workers
         return DataLoader(
-            self.samples,
+            samples,
             batch_sampler=batches,
             num_workers=workers,
             collate_fn=collate,

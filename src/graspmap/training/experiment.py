@@ -193,6 +193,21 @@ class TestSection(_Section):
     limit_objects: Positive | None = None
 
 
+class ValidationSection(_Section):
+    """A data set of its own to choose the epoch with, for data that come in parts.
+
+    Then all of `DataSection.source` is trained on, and `DataSection.test` is the test: nothing is
+    divided. The pictures become inputs by the same rule as those of the training part.
+
+    Attributes:
+        source: ``kind:directory``.
+        depth: Which of the depths that the kind offers, or null for its default.
+    """
+
+    source: str
+    depth: Literal["perfect", "stereo", "z", "range"] | None = None
+
+
 class DataSection(_Section):
     """Where the scenes are and how they become the network's input.
 
@@ -204,6 +219,7 @@ class DataSection(_Section):
             (``"contain"``), its shorter side (``"cover"``), or so many pixels.
         split: See `SplitSection`.
         augment: See `AugmentSection`; training part only.
+        validation: See `ValidationSection`; null chooses with the split's validation part.
         test: See `TestSection`; null tests on the split's test part.
         cache_dir: Folder of the packed cache; null takes ``$GRASPMAP_CACHE`` or the user's cache
             folder.
@@ -215,6 +231,7 @@ class DataSection(_Section):
     view: View = "contain"
     split: SplitSection = SplitSection()
     augment: AugmentSection = AugmentSection()
+    validation: ValidationSection | None = None
     test: TestSection | None = None
     cache_dir: str | None = None
 

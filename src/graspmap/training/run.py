@@ -111,10 +111,8 @@ def _last_state(folder: Folder) -> RunState:
     return state
 
 
-def _module(
-    experiment: Experiment, setup: Setup, state: RunState, *, test: bool = False
-) -> GraspModule:
-    """A fresh network in its module; the weights follow from the seed."""
+def _module(experiment: Experiment, setup: Setup, state: RunState, held_out: str) -> GraspModule:
+    """A fresh network in its module, judged on a part; the weights follow from the seed."""
     network = make_experiment_network(
         experiment,
         max(1, len(setup.classes.names)),
@@ -124,30 +122,31 @@ def _module(
         network,
         experiment,
         state,
-        store=setup.test.store if test else setup.store,
+        store=setup.parts[held_out].store,
         width_scale_px=setup.width_scale_px,
-        tasks=setup.test.tasks if test else None,
+        tasks=setup.parts[held_out].tasks,
     )
 
 
-def _data(
-    experiment: Experiment, setup: Setup, state: RunState, *, test: bool = False
-) -> GraspData:
-    samples = Samples(
-        setup.test.store if test else setup.store,
-        experiment,
-        setup.width_scale_px,
-        tasks=setup.test.tasks if test else experiment.tasks.names,
-        classes=setup.classes.names,
-    )
-    parts = {"test": setup.test.indices} if test else setup.parts
-    return GraspData(samples, parts, state, pin_memory=setup.device != "cpu")
+def _data(experiment: Experiment, setup: Setup, state: RunState) -> GraspData:
+    samples = {
+        name: Samples(
+            part.store,
+            experiment,
+            setup.width_scale_px,
+            tasks=part.tasks,
+            classes=setup.classes.names,
+        )
+        for name, part in setup.parts.items()
+    }
+    indices = {name: part.indices for name, part in setup.parts.items()}
+    return GraspData(samples, indices, state, pin_memory=setup.device != "cpu")
 
 
 def _fit(experiment: Experiment, setup: Setup, folder: Folder, progress: Progress) -> None:
     """Train from the last checkpoint to the end, or to the end of a half-done epoch."""
     state, fresh = _last_state(folder), not folder.last.exists()
-    module = _module(experiment, setup, state)
+    module = _module(experiment, setup, state, "validation")
     # An epoch that was cut in half has fewer batches left than the others, which Lightning
     # cannot count; it is trained to its end on its own.
     epochs = 1 if state.batch else experiment.training.epochs - state.epoch
@@ -181,27 +180,29 @@ def _finish(
 ) -> WeightsCard:
     """Test the best epoch's network, and write it with its card."""
     state = RunState()
-    module = _module(experiment, setup, state, test=True)
+    module = _module(experiment, setup, state, "test")
     module.load_state_dict(load_checkpoint(folder.best)["state_dict"])
     state.load(load_checkpoint(folder.last)["graspmap"])
     metrics: dict[str, Any] = {
         "epochs": state.epoch,
         "validation": {
             "epoch": state.best_epoch,
-            "scenes": len(setup.parts["validation"]),
+            "scenes": len(setup.parts["validation"].indices),
             "success": {"0.25": state.best_success},
             "loss": state.best_loss,
         },
     }
-    if setup.test.indices:
+    test = setup.parts["test"]
+    if test.indices:
         # In full precision: that is how the weights are used.
         trainer = _trainer(setup, folder, precision="32-true", callbacks=[])
         with progress("testing") as update, _interruptible(trainer):
-            update(0, len(setup.test.indices))
-            data = _data(experiment, setup, state, test=True)
+            update(0, len(test.indices))
+            data = _data(experiment, setup, state)
             trainer.test(module, dataloaders=data.test_dataloader(), verbose=False)
         metrics["test"] = _score(experiment, setup, module)
     network, values = module.network.cpu(), experiment.data
+    key = {name: part.store.key for name, part in setup.parts.items()}
     card = WeightsCard(
         network=experiment.network.name,
         channels=experiment.network.channels,
@@ -216,10 +217,12 @@ def _finish(
             depth=values.depth,
             split=folder.split.name,
             split_hash=setup.split_hash,
-            store_key=setup.store.key,
-            scenes={name: len(found) for name, found in setup.parts.items()}
-            | {"test": len(setup.test.indices)},
+            store_key=key["train"],
+            scenes={name: len(part.indices) for name, part in setup.parts.items()},
+            validation_source=None if values.validation is None else values.validation.source,
+            validation_key=None if values.validation is None else key["validation"],
             test_source=None if values.test is None else values.test.source,
+            test_key=None if values.test is None else key["test"],
             classes=setup.classes.names,
         ),
         metrics=metrics,
@@ -248,7 +251,8 @@ def _score(experiment: Experiment, setup: Setup, module: GraspModule) -> dict[st
     if "category_accuracy" in found:
         # What a network that has learned nothing would say, and what it would be right in here.
         kind, most = experiment.tasks.category, setup.classes.most
-        labels = [setup.test.store.labels(i) for i in setup.test.indices]
+        test = setup.parts["test"]
+        labels = [test.store.labels(i) for i in test.indices]
         right = sum(kind is not None and names.get(kind.labels) == most for names in labels)
         found["category_majority"] = {
             "class": most,

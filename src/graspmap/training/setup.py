@@ -23,7 +23,7 @@ from graspmap.data import (
     read_scenes,
     read_split,
 )
-from graspmap.data.split import By
+from graspmap.data.split import By, fingerprint
 from graspmap.errors import (
     ConfigError,
     FileError,
@@ -33,9 +33,10 @@ from graspmap.errors import (
     storage_errors,
 )
 from graspmap.files import read_bytes, remove_parts, write_text
+from graspmap.training.apart import check_apart
 from graspmap.training.callbacks import Progress
 from graspmap.training.data import greatest_opening
-from graspmap.training.experiment import Experiment, TestSection
+from graspmap.training.experiment import Experiment, TestSection, ValidationSection
 from graspmap.training.experiment_file import read_experiment
 from graspmap.training.needs import (
     Classes,
@@ -46,6 +47,9 @@ from graspmap.training.needs import (
 )
 
 PARTS = ("train", "validation", "test")
+
+Other = ValidationSection | TestSection
+"""A part that is a data set of its own."""
 
 FREE_KEYS = frozenset(
     {
@@ -109,16 +113,14 @@ class Folder:
 
 
 @dataclass(frozen=True)
-class TestData:
-    """What a run is tested on.
+class Part:
+    """The scenes that a run trains on, chooses its epoch with, or is tested on.
 
     Attributes:
-        store: Packed pictures and labels: those of the run, or of another data set.
-        indices: Labelled scenes of it to test on; empty for no test.
+        store: Packed pictures and labels; parts that are divided from one data set share theirs.
+        indices: The labelled scenes of it; empty for no test.
         tasks: Tasks whose truth these scenes have.
     """
-
-    __test__ = False  # pytest takes the name for a test
 
     store: Store
     indices: tuple[int, ...]
@@ -130,18 +132,14 @@ class Setup:
     """What a run works on.
 
     Attributes:
-        store: Packed pictures and labels.
-        parts: Indices into the store of the labelled scenes of ``train`` and ``validation``.
-        test: What it is tested on.
+        parts: Its `PARTS` by name.
         classes: The classes of the category task.
         split_hash: Hash of the split.
         width_scale_px: Opening in input pixels that the width map shows as 1.
         device: ``"cpu"`` or ``"cuda"``.
     """
 
-    store: Store
-    parts: dict[str, tuple[int, ...]]
-    test: TestData
+    parts: dict[str, Part]
     classes: Classes
     split_hash: str
     width_scale_px: float
@@ -206,31 +204,37 @@ def prepare(experiment: Experiment, folder: Folder, device: str, progress: Progr
 
     Raises:
         GraspmapError: The data are missing, damaged, without labels or without what the network
-            looks at, a part of the split is empty, or the data changed since the run began.
+            looks at, a part is empty, two parts share an object, or the data changed since the run
+            began.
     """
     values = experiment.data
     scenes = read_scenes(values.source, depth=values.depth)
     split = _split(experiment, scenes, folder)
-    others = None if values.test is None else other_scenes(experiment, values.test)
+    others = _others(experiment)
     # What all scenes lack is said now, and not after an hour of packing.
-    _check_first(experiment, scenes.subset(split.parts.get("train", ())), values.source)
-    if others is not None and values.test is not None:
-        _check_first(experiment, others, values.test.source, tasks=False)
+    trained = scenes.subset(split.parts.get("train", ()))
+    _check_first(experiment, trained, values.source)
+    for name, (section, found) in others.items():
+        _check_first(experiment, found, section.source, tasks=name != "test")
+    if values.validation is not None:
+        check_apart({"train": trained, **{name: found for name, (_, found) in others.items()}})
     with progress("packing pictures") as update:
         store = open_store(
             scenes, cache_folder(experiment), size=values.size, view=values.view, progress=update
         )
-    parts = {name: _labelled(store, split, name, values.source) for name in PARTS}
-    used = {i: Contents.of_store(store, i) for part in parts.values() for i in part}
+    drawn = {
+        name: _labelled(store, split, name, values.source) for name in PARTS if name not in others
+    }
+    used = {i: Contents.of_store(store, i) for part in drawn.values() for i in part}
     check_contents(experiment, values.source, {store.ids[i]: c for i, c in used.items()})
-    classes = find_classes(experiment, store, parts["train"])
+    parts = {name: Part(store, found, experiment.tasks.names) for name, found in drawn.items()}
+    classes = find_classes(experiment, store, drawn["train"])
     scale = experiment.maps.width_scale
-    scale = greatest_opening(store, parts["train"]) if scale == "data" else float(scale)
+    scale = greatest_opening(store, drawn["train"]) if scale == "data" else float(scale)
     facts = {"store": store.key, "split": split.hash, "width_scale_px": scale}
-    test = TestData(store, parts.pop("test"), experiment.tasks.names)
-    if others is not None and values.test is not None:
-        test = _other_test(experiment, values.test, others, progress)
-        facts["test_store"] = test.store.key
+    for name, (section, found) in others.items():
+        parts[name] = _other_part(experiment, name, section, found, progress)
+        facts[f"{name}_store"] = parts[name].store.key
     if not folder.facts.exists() or not folder.last.exists():
         write_text(folder.facts, json.dumps(facts, indent=2) + "\n", durable=True)
     elif (before := _read_facts(folder.facts)) != facts:
@@ -238,18 +242,28 @@ def prepare(experiment: Experiment, folder: Folder, device: str, progress: Progr
         raise FileFormatError(
             folder.facts, f"the data changed since this run began ({changed})", _ANEW
         )
-    return Setup(store, parts, test, classes, split.hash, scale, device)
+    return Setup(parts, classes, split.hash, scale, device)
 
 
-def other_scenes(experiment: Experiment, values: TestSection) -> Scenes:
-    """The scenes of ``data.test``, as many objects' as it says.
+def _others(experiment: Experiment) -> dict[str, tuple[Other, Scenes]]:
+    """The parts that are data sets of their own, with their scenes."""
+    sections = {"validation": experiment.data.validation, "test": experiment.data.test}
+    return {
+        name: (section, other_scenes(experiment, section))
+        for name, section in sections.items()
+        if section is not None
+    }
+
+
+def other_scenes(experiment: Experiment, values: Other) -> Scenes:
+    """The scenes of ``data.validation`` or ``data.test``, as many objects' as it says.
 
     Raises:
         ConfigError: There are fewer.
         FileError: The data are missing or damaged.
     """
     scenes = read_scenes(values.source, depth=values.depth)
-    if values.limit_objects is None:
+    if not isinstance(values, TestSection) or values.limit_objects is None:
         return scenes
     key = "data.test.limit_objects"
     kept = _limited(experiment, key, scenes, scenes.ids, "object", split_seed(experiment))
@@ -273,25 +287,28 @@ def _limited(
         raise ConfigError(f"experiment {experiment.name}", key, what, remedy) from error
 
 
-def _other_test(
-    experiment: Experiment, values: TestSection, scenes: Scenes, progress: Progress
-) -> TestData:
+def _other_part(
+    experiment: Experiment, part: str, values: Other, scenes: Scenes, progress: Progress
+) -> Part:
     """The packed scenes of another data set, those with labels, and the tasks known there."""
-    view = experiment.data.view if values.view is None else values.view
-    with progress("packing pictures of the test") as update:
+    view = values.view if isinstance(values, TestSection) else None
+    view = experiment.data.view if view is None else view
+    with progress(f"packing pictures of the {part}") as update:
         store = open_store(
             scenes, cache_folder(experiment), size=experiment.data.size, view=view, progress=update
         )
     indices = tuple(i for i in range(len(store)) if len(store.read_grasps(i) or ()))
     if not indices:
-        raise FileError(values.source, "has no scene with labels", "name another data.test.source")
+        remedy = f"name another data.{part}.source"
+        raise FileError(values.source, "has no scene with labels", remedy)
     used = {store.ids[i]: Contents.of_store(store, i) for i in indices}
-    check_contents(experiment, values.source, used, tasks=False)
+    # The loss of the validation steers the training: it is to be that of all tasks.
+    check_contents(experiment, values.source, used, tasks=part != "test")
     known = known_tasks(experiment, list(used.values()))
     for name in experiment.tasks.names:
         if name not in known:
             _logger.warning("%s has no truth for %s: not tested there", values.source, name)
-    return TestData(store, indices, known)
+    return Part(store, indices, known)
 
 
 def _check_first(
@@ -332,7 +349,9 @@ def _split(experiment: Experiment, scenes: Scenes, folder: Folder) -> Split:
     if folder.split.exists() and folder.last.exists():
         return read_split(folder.split, scenes)
     seed = split_seed(experiment)
-    if values.file is not None:
+    if experiment.data.validation is not None:
+        split = Split({"train": scenes.ids}, values.by, seed, fingerprint(scenes))
+    elif values.file is not None:
         split = read_split(Path(values.file).expanduser(), scenes)
     elif values.folds is not None:
         split = make_folds(scenes, values.folds, by=values.by, seed=seed)[values.fold]

@@ -10,6 +10,7 @@ from graspmap.data import channel_count
 from graspmap.errors import ConfigError
 from graspmap.losses import GRASP, GraspLoss, MultiTaskLoss, make_task_loss, make_weighting
 from graspmap.networks import GraspNetwork, TaskSpec, make_network
+from graspmap.training.apart import check_parts
 from graspmap.training.experiment import Experiment
 
 METRICS = {
@@ -101,6 +102,7 @@ def check_experiment(experiment: Experiment) -> None:
         InvalidInputError: The network has no such filters, or needs a task.
     """
     loss, tasks = experiment.loss, experiment.tasks
+    check_parts(experiment)
 
     def wrong(key: str, problem: str, remedy: str) -> ConfigError:
         return ConfigError(f"experiment {experiment.name}", key, problem, remedy)
