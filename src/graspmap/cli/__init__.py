@@ -38,7 +38,7 @@ COMMANDS = {
     "bench": "time detection: preparation, forward pass and decoding",
     "reproduce": "make the tables and figures of the thesis again, its numbers beside yours",
     "doctor": "look through a data set, meshes or weights, and say what is there",
-    "weights": "bring other people's weights into graspmap's own format",
+    "weights": "what ships, what a card says; calibrate; bring in other people's weights",
 }
 
 

@@ -34,7 +34,7 @@ class Bench:
     """
 
     weights: Annotated[Path, option("W", "needed")]
-    """Weights file."""
+    """Weights file, or the name of shipped weights (`graspmap weights list`)."""
     size: Annotated[str | None, option("WxH", "default: 640x480")] = None
     """Size of the simulated picture, pixels."""
     data: Annotated[str | None, option("KIND:DIR")] = None

@@ -35,20 +35,23 @@ class Detect:
     """Find grasps in one picture: where to put a parallel-jaw gripper, how to turn it, how wide.
 
     Example:
-      graspmap detect --weights ggcnn2.safetensors --rgb scene.png --depth scene.tiff --top 3
-      --overlay grasps.png --json grasps.json
+      graspmap detect --rgb scene.png --depth scene.tiff --top 3 --overlay grasps.png
+      --json grasps.json
 
     The network was trained on objects that fill much of its view, on a table: where there is more
     in the picture, say where to look:
-      graspmap detect --weights ggcnn2.safetensors --depth room.tiff --region 130,150,300,300
+      graspmap detect --weights mine.safetensors --depth room.tiff --region 130,150,300,300
 
     Angles are radians, counter-clockwise on screen, along the opening; x, y, width and height are
     pixels of the picture. With --camera and --depth each grasp also has position_m (x right,
-    y down, z forward) and width_m.
+    y down, z forward) and width_m. Quality is the probability that the grasp holds where the
+    weights have a calibration (graspmap weights show W).
     """
 
-    weights: Annotated[Path | None, option("W", "needed")] = None
-    """Weights file (.safetensors) of graspmap."""
+    weights: Annotated[
+        Path | None, option("W", "default: the best that ship for these pictures")
+    ] = None
+    """Weights file (.safetensors), or the name of shipped weights (`graspmap weights list`)."""
     rgb: Annotated[Path | None, option("F")] = None
     """Colour picture, 8 bits per channel."""
     depth: Annotated[Path | None, option("F")] = None
@@ -82,11 +85,6 @@ def run(argv: Sequence[str]) -> int:
     """Run ``graspmap detect``."""
     flags = parse(Detect, argv, "graspmap detect")
     region = None if flags.region is None else numbers(flags.region, "X,Y,W,H", "--region")
-    if flags.weights is None:
-        raise InvalidInputError(
-            "--weights", "not given", "a weights file: make one with graspmap train, with graspmap "
-            "demo, or from others' with graspmap weights import"
-        )  # fmt: skip
     if flags.rgb is None and flags.depth is None:
         raise InvalidInputError("the picture", "not given", "--rgb, --depth, or both")
     if flags.gripper is not None and (flags.camera is None or flags.depth is None):
@@ -98,8 +96,12 @@ def run(argv: Sequence[str]) -> int:
     output_file(flags.json, "--json", keep=read)
     from graspmap.geometry import Camera
     from graspmap.gripper import load_gripper
-    from graspmap.inference import Detector
+    from graspmap.inference import Detector, default_weights
 
+    weights = flags.weights
+    if weights is None:
+        weights = default_weights(has_rgb=flags.rgb is not None, has_depth=flags.depth is not None)
+        teller(flags.json)(f"weights: {weights.stem}, which ship with graspmap")
     gripper = None if flags.gripper is None else load_gripper(flags.gripper)
     rgb, depth, mask = _pictures(flags)
     camera = None if flags.camera is None else Camera.read(flags.camera)
@@ -114,7 +116,7 @@ def run(argv: Sequence[str]) -> int:
                 f"{rows}",
                 "give the camera file of this picture, or the picture in its full size",
             )
-    detector = Detector.load(flags.weights, device=flags.device)
+    detector = Detector.load(weights, device=flags.device)
     found = detector.detect(
         rgb,
         depth,

@@ -50,7 +50,7 @@ class Evaluate:
     data: Annotated[str, option("KIND:DIR", "needed")]
     """The data set, for example jacquard:~/data/jacquard."""
     weights: Annotated[Path | None, option("W")] = None
-    """Weights file to measure."""
+    """Weights to measure: a file, or the name of shipped ones (`graspmap weights list`)."""
     predictions: Annotated[Path | None, option("F")] = None
     """Predictions file to measure instead."""
     split: Annotated[str | None, option("NAME", "default: all scenes")] = None
@@ -99,6 +99,8 @@ def run(argv: Sequence[str]) -> int:
         return evaluate_egad.run(argv[1:])
     flags = parse(Evaluate, argv, "graspmap evaluate")
     _check(flags)
+    from graspmap.evaluation.cards import data_hash
+
     chosen = select(
         flags.data,
         depth=flags.depth,
@@ -109,7 +111,10 @@ def run(argv: Sequence[str]) -> int:
     predictions = None if flags.predictions is None else _predictions(flags.predictions)
     result = _measure(flags, chosen, predictions)
     _tell(flags, result)
-    sections: dict[str, Any] = {"detector": _detector(flags, chosen)}
+    sections: dict[str, Any] = {
+        "detector": _detector(flags, chosen),
+        "data_hash": data_hash(chosen.everything),
+    }
     if flags.baseline:
         sections["baselines"] = _baselines(flags, chosen)
     tasks = _tasks(flags, chosen)

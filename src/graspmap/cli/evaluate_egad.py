@@ -44,7 +44,7 @@ class EvaluateEgad:
     meshes: Annotated[Path, option("DIR", "needed")]
     """Folder of meshes (.obj .stl .ply .off .glb .gltf); of EGAD: its evaluation set."""
     weights: Annotated[Path, option("W", "needed")]
-    """Weights file of the detector."""
+    """Weights of the detector: a file, or the name of shipped ones (`graspmap weights list`)."""
     gripper: Annotated[str, option("G", "needed")]
     """Name of a profile (`graspmap gripper list`) or a YAML file."""
     trials: Annotated[int, option("N", "default: 20")] = 20
@@ -95,13 +95,14 @@ def run(argv: Sequence[str]) -> int:
     output_file(flags.json, "--json", keep=[flags.weights])
     from graspmap.evaluation.egad import DetectorFile, evaluate_egad, finish
     from graspmap.evaluation.egad.run import TRYING
-    from graspmap.inference import Detector
+    from graspmap.inference import Detector, weights_path
 
+    weights = weights_path(flags.weights)
     # Before the work: a wrong file is told at once.
-    detector = Detector.load(flags.weights, device=flags.device).describe()
+    detector = Detector.load(weights, device=flags.device).describe()
     result = evaluate_egad(
         flags.meshes.expanduser(),
-        DetectorFile(flags.weights, flags.device),
+        DetectorFile(weights, flags.device),
         plan,
         workers=flags.workers or os.cpu_count() or 1,
         folder=flags.out,

@@ -51,7 +51,7 @@ def select(
         depth: Which depth; None: the one that the detector was trained on, else the default.
         split: ``NAME`` of a part of the split.json beside the weights, else of the one in the
             data's folder, or ``FILE.json:NAME``; None: all scenes.
-        weights: Weights file that is measured, if one is.
+        weights: Weights that are measured, if any: a file, or the name of shipped ones.
         device: Where its network runs.
 
     Raises:
@@ -63,8 +63,9 @@ def select(
     everything = read_scenes(data, depth=depth)
     detector = None
     if weights is not None:
-        from graspmap.inference import Detector
+        from graspmap.inference import Detector, weights_path
 
+        weights = weights_path(weights)
         detector = Detector.load(weights, device=device)
     if depth is None and detector is not None and detector.card.data is not None:
         trained = detector.card.data.depth

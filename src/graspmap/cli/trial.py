@@ -49,7 +49,7 @@ class Trial:
     data: Annotated[str, option("KIND:DIR", "needed")]
     """The data set, for example jacquard:~/data/jacquard."""
     weights: Annotated[Path | None, option("W")] = None
-    """Weights whose grasps are tried."""
+    """Weights whose grasps are tried: a file, or the name of shipped ones."""
     predictions: Annotated[Path | None, option("F")] = None
     """Predictions file whose grasps are tried instead."""
     labels: bool = False

@@ -1,8 +1,9 @@
-"""``graspmap weights import``: other people's state dicts become weights files of graspmap."""
+"""``graspmap weights``: what ships, what a card says, and weights files made of other files."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import importlib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -12,16 +13,35 @@ import tyro
 from graspmap.cli.frame import UsageError, option, output_file, parse, teller, write_json
 from graspmap.errors import UnknownNameError
 
-_HELP = """usage: graspmap weights import NETWORK FILE OUT.safetensors [options]
+_HELP = """usage: graspmap weights list [--json F]
+       graspmap weights show W [--json F]
+       graspmap weights import NETWORK FILE OUT.safetensors [options]
+       graspmap weights calibrate W --data KIND:DIR --out OUT.safetensors [options]
+       graspmap weights note W --evaluation DIR --out OUT.safetensors [options]
 
-Turns a PyTorch state dict (or the tensors of a TorchScript file) of GG-CNN, GG-CNN2, GR-ConvNet
-or U-Net that others trained into a weights file of graspmap. The file is read without running
-anything that it may hold.
+A weights file carries a card: which network, for which pictures, trained on what, how well it does.
+W is such a file, or the name of weights that ship with graspmap.
 
-Example:
+  list       the weights that ship
+  show       a card in words
+  import     turn other people's PyTorch state dict into a weights file, without running its code
+  calibrate  make the quality of its grasps the probability that they hold, by trials in physics
+  note       put the numbers of an evaluation, and known weaknesses, into the card
+
+Examples:
+  graspmap weights show ggcnn2.safetensors
   graspmap weights import ggcnn2 ggcnn2_epoch_50_cornell_statedict.pt ggcnn2.safetensors
 
-graspmap weights import --help lists the options."""
+graspmap weights COMMAND --help lists the options of one."""
+
+_COMMANDS = {
+    "list": ("graspmap.cli.weights_cards", "list_"),
+    "show": ("graspmap.cli.weights_cards", "show"),
+    "import": ("graspmap.cli.weights", "import_"),
+    "calibrate": ("graspmap.cli.weights_calibrate", "calibrate"),
+    "note": ("graspmap.cli.weights_cards", "note"),
+}
+"""Module and function of each command."""
 
 
 @dataclass(frozen=True)
@@ -64,9 +84,17 @@ def run(argv: Sequence[str]) -> int:
     if not argv or argv[0] in ("-h", "--help"):
         print(_HELP)
         return 0 if argv else 2
-    if argv[0] != "import":
-        raise UnknownNameError("weights command", argv[0], ["import"])
-    flags = parse(Import, argv[1:], "graspmap weights import")
+    if argv[0] not in _COMMANDS:
+        raise UnknownNameError("weights command", argv[0], _COMMANDS)
+    home, name = _COMMANDS[argv[0]]
+    command: Callable[[Sequence[str]], None] = getattr(importlib.import_module(home), name)
+    command(argv[1:])
+    return 0
+
+
+def import_(argv: Sequence[str]) -> None:
+    """Run ``graspmap weights import``."""
+    flags = parse(Import, argv, "graspmap weights import")
     output_file(flags.out, "OUT", (".safetensors",), keep=[flags.file])
     output_file(flags.json, "--json", keep=[flags.file, flags.out])
     from graspmap.inference import import_weights, save_weights
@@ -88,7 +116,6 @@ def run(argv: Sequence[str]) -> int:
         f"{card.width_scale_px:g} px"
     )
     write_json(card.model_dump(mode="json"), flags.json)
-    return 0
 
 
 def _view(text: str) -> Literal["contain", "cover"] | int:

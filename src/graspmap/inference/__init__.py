@@ -6,19 +6,42 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from graspmap.inference.importing import import_weights
-from graspmap.inference.weights import DataCard, WeightsCard, load_weights, save_weights
+from graspmap.inference.measured import (
+    CalibrationCard,
+    EvaluationCard,
+    QualityCard,
+    TrialsCard,
+)
+from graspmap.inference.shipped import default_weights, shipped_weights, weights_path
+from graspmap.inference.weights import (
+    DataCard,
+    WeightsCard,
+    load_weights,
+    read_card,
+    save_weights,
+    weights_hash,
+)
 
 if TYPE_CHECKING:
     from graspmap.inference.detector import Detection, Detector
 
 __all__ = [
+    "CalibrationCard",
     "DataCard",
     "Detection",
     "Detector",
+    "EvaluationCard",
+    "QualityCard",
+    "TrialsCard",
     "WeightsCard",
+    "default_weights",
     "import_weights",
     "load_weights",
+    "read_card",
     "save_weights",
+    "shipped_weights",
+    "weights_hash",
+    "weights_path",
 ]
 
 

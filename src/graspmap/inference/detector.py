@@ -26,7 +26,8 @@ from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps
 from graspmap.gripper import Gripper
-from graspmap.inference.weights import WeightsCard, load_weights
+from graspmap.inference.shipped import default_weights, weights_path
+from graspmap.inference.weights import WeightsCard, load_weights, weights_hash
 from graspmap.maps.find import find_grasps
 from graspmap.maps.grasp_maps import GraspMaps
 from graspmap.networks import GraspNetwork, multiply_adds, parameter_count
@@ -44,8 +45,9 @@ class Detection:
     """What a detector says about one picture.
 
     Args:
-        grasps: (N) grasps in pixels of the whole picture, best first.
-        maps: (bins, S, S) grasp maps over the network's input, float32.
+        grasps: (N) grasps in pixels of the whole picture, best first. Their quality is the
+            probability that they hold, where the card has a calibration, else the network's own.
+        maps: (bins, S, S) grasp maps over the network's input, float32, as the network gives them.
         matrix: (3, 3) map from pixels of the picture to pixels of the input.
         position_m: (N, 3) grasp centres in the camera's frame (z forward), metres; None without
             a camera or without depth.
@@ -99,24 +101,31 @@ class Detector:
             )
         self.card = card
         self.device = device
+        self._probability = None if card.calibration is None else card.calibration.quality_map
 
     @classmethod
-    def load(cls, weights: Path | str, backend: str = "torch", *, device: str = "cpu") -> Detector:
+    def load(
+        cls, weights: Path | str | None = None, backend: str = "torch", *, device: str = "cpu"
+    ) -> Detector:
         """A detector from a weights file of graspmap.
 
         Args:
-            weights: A ``.safetensors`` file written by training or by ``graspmap weights import``.
+            weights: A ``.safetensors`` file written by training or by ``graspmap weights import``,
+                or the name of weights that ship with graspmap (`graspmap weights list`); None: the
+                shipped ones for colour and depth (`default_weights` gives others).
             backend: What runs the network; ``"torch"``.
             device: A torch device.
 
         Raises:
-            WeightsError: The file is missing, damaged or not of graspmap.
-            UnknownNameError: There is no such backend.
-            InvalidInputError: The device is not available.
+            WeightsError: The file is damaged or not of graspmap.
+            MissingFileError: There is no such file.
+            UnknownNameError: There is no such backend, or no weights of this name ship.
+            InvalidInputError: The device is not available, or no weights ship.
         """
         if backend not in BACKENDS:
             raise UnknownNameError("backend", backend, BACKENDS)
-        network, card = load_weights(Path(weights))
+        path = default_weights() if weights is None else weights_path(weights)
+        network, card = load_weights(path)
         return cls(network, card, device=device)
 
     @property
@@ -125,7 +134,10 @@ class Detector:
         return self._network
 
     def describe(self) -> dict[str, Any]:
-        """What it is and what it costs, for JSON: network, input, parameters, multiply-adds."""
+        """What it is and what it costs, for JSON: network, input, parameters, multiply-adds.
+
+        Its hash is that of `graspmap.inference.weights_hash`.
+        """
         card = self.card
         return {
             "network": card.network,
@@ -134,6 +146,8 @@ class Detector:
             "size": card.size,
             "parameters": parameter_count(self._network),
             "multiply_adds": multiply_adds(self._network, card.size, card.size),
+            "hash": weights_hash(self._network, card),
+            "calibrated": card.calibration is not None,
         }
 
     def predict(self, inputs: NDArray[np.float32]) -> GraspMaps[NDArray[np.float32]]:
@@ -176,8 +190,9 @@ class Detector:
             region: (x, y, width, height) in pixels: the network looks at the square around it,
                 at its scale, and grasps are centred inside it.
             mask: (H, W) bool: grasps are centred where it is True.
-            method: Decoding, see `graspmap.find_grasps`.
-            threshold: Least quality; None takes the default of the decoding.
+            method: Decoding, see `graspmap.find_grasps`. A calibration is one of ``refined``; by
+                the others, quality stays the network's own.
+            threshold: Least quality of a grasp; None takes the default of the decoding.
             min_distance: Least distance between two centres in pixels of the network's input;
                 None takes the default of the decoding.
 
@@ -259,6 +274,9 @@ class Detector:
         """
         depth, matrix = prepared.depth_m, prepared.matrix
         _check_request(top, depth, camera, gripper)
+        probability = self._probability if method == "refined" else None
+        if probability is not None and threshold is not None:
+            threshold = float(probability.inverse(threshold))
         found = find_grasps(
             maps,
             top if gripper is None else top * _SPARE,
@@ -268,6 +286,8 @@ class Detector:
             threshold=threshold,
             min_distance=min_distance,
         )
+        if probability is not None:
+            found = found.replace(quality=probability(found.quality))
         grasps = found.transformed(np.linalg.inv(matrix))
         position_m, width_m = None, None
         if camera is not None and depth is not None:

@@ -6,6 +6,7 @@ and where it comes from. It holds numbers and text only, so opening one never ru
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Annotated, Final, Literal
@@ -25,6 +26,7 @@ from graspmap.errors import (
     WeightsError,
 )
 from graspmap.files import read_bytes, write_bytes
+from graspmap.inference.measured import CalibrationCard, EvaluationCard
 from graspmap.networks import GraspNetwork, TaskSpec, make_network
 
 FORMAT: Final = 1
@@ -38,6 +40,12 @@ View = Literal["contain", "cover"] | Annotated[int, Field(ge=1, le=MOST_PX)]
 
 SUFFIX = ".safetensors"
 _CARD_KEY = "graspmap"
+_NOTES = {
+    "data", "metrics", "calibration", "evaluations", "weaknesses", "command", "created_by",
+    "licence", "notes",
+}  # fmt: skip
+"""What of a card changes nothing of what a detector says; of the calibration the knots do."""
+
 _IMPORT = "turn it into one with: graspmap weights import NETWORK FILE OUT.safetensors"
 _AGAIN = "copy or download it again, or train anew"
 
@@ -89,9 +97,13 @@ class WeightsCard(BaseModel):
             in pixels.
         width_scale_px: Opening in input pixels for which the width map is 1.
         data: What it was trained on, where known.
-        metrics: Measured figures by name.
+        metrics: Measured figures of the training by name.
+        calibration: From its quality to the probability that a grasp holds; None: not known.
+        evaluations: What was measured of it afterwards, by name of the data's part.
+        weaknesses: Where it is known to fail, in words.
         command: Command that made it, where known.
         created_by: Program and version that wrote it.
+        licence: SPDX name of the licence that it may be used under; None: not known.
         notes: Anything else, in words.
     """
 
@@ -108,9 +120,20 @@ class WeightsCard(BaseModel):
     width_scale_px: float = Field(gt=0, allow_inf_nan=False)
     data: DataCard | None = None
     metrics: dict[str, JsonValue] = Field(default_factory=dict)
+    calibration: CalibrationCard | None = None
+    evaluations: dict[str, EvaluationCard] = Field(default_factory=dict)
+    weaknesses: tuple[str, ...] = ()
     command: str | None = None
     created_by: str = f"graspmap {__version__}"
+    licence: str | None = None
     notes: str = ""
+
+    @property
+    def trial_success(self) -> float | None:
+        """Share of the trials that held, over all of its evaluations; None where it has none."""
+        made = [e.trials for e in self.evaluations.values() if e.trials is not None]
+        count = sum(trials.trials for trials in made)
+        return sum(t.success * t.trials for t in made) / count if count else None
 
     def make_network(self) -> GraspNetwork:
         """A network of this card's kind with random weights.
@@ -178,12 +201,7 @@ def load_weights(path: Path | str) -> tuple[GraspNetwork, WeightsCard]:
             not fit the network that its card names.
     """
     path = Path(path)
-    content = read_content(path)
-    refuse_pytorch(path, content)
-    tensors, metadata = read_safetensors(path, content)
-    if _CARD_KEY not in metadata:
-        raise WeightsError(path, "holds tensors but no card of graspmap", _IMPORT)
-    card = _read_card(path, metadata[_CARD_KEY])
+    tensors, card = _read(path)
     try:
         with torch.device("meta"):  # shapes without numbers, however large the card's network is
             outline = card.make_network()
@@ -201,6 +219,40 @@ def load_weights(path: Path | str) -> tuple[GraspNetwork, WeightsCard]:
     network = card.make_network()
     network.load_state_dict(tensors)
     return network.eval(), card
+
+
+def read_card(path: Path | str) -> WeightsCard:
+    """The card of a weights file of graspmap, without making its network.
+
+    Raises:
+        MissingFileError: There is no such file.
+        WeightsError: It is damaged, is not of graspmap, or needs a newer version.
+    """
+    return _read(Path(path))[1]
+
+
+def weights_hash(network: GraspNetwork, card: WeightsCard) -> str:
+    """32 hexadecimal digits that change with whatever changes what a detector says of a picture.
+
+    Notes in the card change nothing; its calibration does.
+    """
+    what = card.model_dump_json(exclude=_NOTES, exclude_defaults=True)
+    digest = hashlib.blake2b(what.encode(), digest_size=16)
+    if card.calibration is not None:
+        digest.update(json.dumps(card.calibration.knots).encode())
+    for name, tensor in network.state_dict().items():
+        digest.update(name.encode())
+        digest.update(tensor.detach().cpu().contiguous().numpy().tobytes())
+    return digest.hexdigest()
+
+
+def _read(path: Path) -> tuple[dict[str, Tensor], WeightsCard]:
+    content = read_content(path)
+    refuse_pytorch(path, content)
+    tensors, metadata = read_safetensors(path, content)
+    if _CARD_KEY not in metadata:
+        raise WeightsError(path, "holds tensors but no card of graspmap", _IMPORT)
+    return tensors, _read_card(path, metadata[_CARD_KEY])
 
 
 def read_content(path: Path) -> bytes:

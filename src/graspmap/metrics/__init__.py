@@ -7,6 +7,7 @@ from graspmap.metrics.depth_error import DepthErrors, DepthScore, depth_errors, 
 from graspmap.metrics.intervals import bootstrap_interval, wilson_interval
 from graspmap.metrics.paired import PairedComparison, compare_paired
 from graspmap.metrics.protocols import PROTOCOLS, QUIRKS, RectangleProtocol, find_protocol
+from graspmap.metrics.quality_map import QualityMap, cross_fitted, fit_quality_map
 from graspmap.metrics.rectangle import (
     ANGLES_DEG,
     MAX_ANGLE,
@@ -29,6 +30,7 @@ __all__ = [
     "DepthErrors",
     "DepthScore",
     "PairedComparison",
+    "QualityMap",
     "RectangleProtocol",
     "RectangleScore",
     "ReliabilityBin",
@@ -38,8 +40,10 @@ __all__ = [
     "bootstrap_interval",
     "compare_paired",
     "correlate",
+    "cross_fitted",
     "depth_errors",
     "find_protocol",
+    "fit_quality_map",
     "saliency_marks",
     "score_calibration",
     "score_classes",

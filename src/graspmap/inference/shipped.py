@@ -1,0 +1,70 @@
+"""Weights that ship with graspmap: by name, and the best for the pictures that there are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from graspmap.data.images import Channels
+from graspmap.errors import InvalidInputError, UnknownNameError
+from graspmap.inference.weights import SUFFIX, read_card
+
+_FOLDER = Path(__file__).with_name("shipped")
+
+
+def shipped_weights() -> dict[str, Path]:
+    """The weights files that ship with graspmap, by name in alphabetical order."""
+    return {path.stem: path for path in sorted(_FOLDER.glob(f"*{SUFFIX}"))}
+
+
+def weights_path(name_or_path: Path | str) -> Path:
+    """The file of shipped weights, or of a user's.
+
+    What is the name of shipped weights is taken as such. Else, what ends in ``.safetensors`` or
+    another suffix, holds a slash or exists is a path.
+
+    Raises:
+        UnknownNameError: It is no path, and no shipped weights have this name.
+    """
+    path, shipped = Path(name_or_path), shipped_weights()
+    if str(name_or_path) in shipped:
+        return shipped[str(name_or_path)]
+    if path.suffix or len(path.parts) != 1 or path.exists():
+        return path
+    raise UnknownNameError("weights", str(name_or_path), [*shipped, f"or a {SUFFIX} file"])
+
+
+def default_weights(*, has_rgb: bool = True, has_depth: bool = True) -> Path:
+    """The best weights that ship for the pictures that there are.
+
+    A network that looks at colour and depth is taken where there are both, else one of depth, else
+    one of colour; of several of a kind the one whose card says the highest trial success.
+
+    Args:
+        has_rgb: Whether there is a colour picture.
+        has_depth: Whether there is a depth picture.
+
+    Raises:
+        InvalidInputError: None that ships fits them.
+    """
+    usable: dict[Channels, bool] = {
+        "rgbd": has_rgb and has_depth,
+        "depth": has_depth,
+        "rgb": has_rgb,
+    }
+    cards = {path: read_card(path) for path in shipped_weights().values()}
+    for channels in (name for name, there in usable.items() if there):
+        found = {
+            path: card.trial_success or 0.0
+            for path, card in cards.items()
+            if card.channels == channels
+        }
+        if found:
+            return max(found, key=lambda path: found[path])
+    pictures = " and ".join(n for n, there in (("colour", has_rgb), ("depth", has_depth)) if there)
+    raise InvalidInputError(
+        "weights",
+        "not given",
+        f"a weights file (this graspmap ships none for {pictures or 'no'} pictures): give one with "
+        "--weights, make one with graspmap train or graspmap demo, or bring others' with graspmap "
+        "weights import",
+    )
