@@ -40,10 +40,6 @@ def score(rng, trials=20):
     return {"trials": trials, "held": held, "success": share, "interval": ends}
 
 
-def group(rng):
-    return {k: v for k, v in score(rng).items() if k != "interval"}
-
-
 def rectangles(rng):
     success = dict(zip(THRESHOLDS, sorted(rng.random(4).tolist(), reverse=True), strict=True))
     interval = {t: [p - 0.04321, p + 0.01234] for t, p in success.items()}
@@ -92,9 +88,9 @@ def full_summary():
             **score(rng, 500), "scenes": 250, "grippers": ["franka"], "object_mean": 0.5,
             "outcomes": {"held": 300, "slipped": 200}, "robust_success": 0.456,
             "robust_interval": [0.4, 0.5], "skipped": {"a": NASTY}, "seconds": 1234.56,
-            "per_object": {f"{NASTY}.{i}": group(rng) for i in range(12)},
-            "per_rank": {str(i): group(rng) for i in range(2)},
-            "one_of_first": {str(i + 1): group(rng) for i in range(2)},
+            "per_object": {f"{NASTY}.{i}": score(rng) for i in range(12)},
+            "per_rank": {str(i): score(rng) for i in range(2)},
+            "one_of_first": {str(i + 1): score(rng) for i in range(2)},
             "per_difficulty": {k: score(rng) for k in ("easy", "medium", "hard")},
         },
         "calibration": {"trials": 500, "ece": 0.0321, "ece_interval": [0.02, 0.05], "brier": 0.2,

@@ -52,7 +52,8 @@ def test_groups_come_by_name():
     scores = group_scores(["held", "empty", "held"], ["b", "a", "b"])
     assert list(scores) == ["a", "b"]
     assert (scores["b"].trials, scores["b"].held, scores["b"].success) == (2, 2, 1.0)
-    assert scores["a"].to_dict() == {"trials": 1, "held": 0, "success": 0.0}
+    ends = list(wilson_interval(0, 1))
+    assert scores["a"].to_dict() == {"trials": 1, "held": 0, "success": 0.0, "interval": ends}
 
 
 def test_refuses_nothing_and_unequal_lists():

@@ -38,9 +38,19 @@ class GroupScore:
         """Share that held, in [0, 1]."""
         return self.held / self.trials
 
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Wilson's 95 % interval around ``success``, which takes its trials as independent."""
+        return wilson_interval(self.held, self.trials)
+
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
-        return {"trials": self.trials, "held": self.held, "success": self.success}
+        return {
+            "trials": self.trials,
+            "held": self.held,
+            "success": self.success,
+            "interval": list(self.interval),
+        }
 
 
 @dataclass(frozen=True)
