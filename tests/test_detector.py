@@ -12,7 +12,7 @@ import torch
 from graspmap import Camera, Detector, GraspMaps, Grasps, draw_maps
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.gripper import load_gripper
-from graspmap.inference import WeightsCard, import_weights, save_weights
+from graspmap.inference import CalibrationCard, WeightsCard, import_weights, save_weights
 from graspmap.inference.detector import locate
 from graspmap.networks import GraspNetwork, make_network
 
@@ -43,6 +43,18 @@ def detector_of(*grasps: tuple[float, float, float, float]) -> Detector:
     return Detector(network, card)
 
 
+def calibrated(detector: Detector, *knots: tuple[float, float]) -> Detector:
+    """The same with a calibration."""
+    score = {"ece": 0.1, "ece_interval": (0.0, 0.2), "brier": 0.1, "brier_interval": (0.0, 0.2)}
+    found = {
+        "knots": knots, "data": "jacquard:x", "data_hash": "manifest:0", "grippers": ("jacquard",),
+        "top": 1, "trials": 9, "objects": 9, "held": 5, "before": score, "after": score,
+    }  # fmt: skip
+    calibration = CalibrationCard.model_validate(found)
+    card = detector.card.model_copy(update={"calibration": calibration})
+    return Detector(detector.network, card)
+
+
 def table(rows: int = 200, columns: int = 320) -> np.ndarray:
     y, x = np.mgrid[0:rows, 0:columns]
     return (0.8 + 1e-4 * x + 2e-4 * y).astype(np.float32)
@@ -56,6 +68,31 @@ def test_grasps_come_back_in_pixels_of_the_picture():
     assert found.grasps.angle[0] == pytest.approx(0.5, abs=math.radians(1))
     assert found.grasps.width[0] == pytest.approx(20 * scale, abs=scale)
     assert found.position_m is None
+
+
+def test_quality_is_the_probability_of_the_card():
+    plain = detector_of((25.0, 48.0, 0.5, 20.0), (70.0, 48.0, -0.3, 9.0), (48.0, 40.0, 1.0, 5.0))
+    low, high = 0.2, 0.6
+    sure = calibrated(plain, (0.0, low), (1.0, high))
+    before = plain.detect(depth=table(), top=3)
+    found = sure.detect(depth=table(), top=3)
+    assert len(found.grasps) == 3
+    assert found.grasps.center.tolist() == before.grasps.center.tolist()
+    assert (np.diff(before.grasps.quality) < 0).all()
+    assert (np.diff(found.grasps.quality) < 0).all()
+    odds = [math.log(p / (1 - p)) for p in (low, high)]
+    expected = odds[0] + before.grasps.quality * (odds[1] - odds[0])
+    assert found.grasps.quality == pytest.approx(1 / (1 + np.exp(-expected)), rel=1e-12)
+    assert found.maps.quality.tobytes() == before.maps.quality.tobytes()
+    # What asks for a quality asks for what is shown.
+    first, second = found.grasps.quality[:2].tolist()
+    assert len(sure.detect(depth=table(), top=3, threshold=(first + second) / 2).grasps) == 1
+    assert len(sure.detect(depth=table(), top=3, threshold=1).grasps) == 0
+    # The peaks of other ways to read maps are other numbers.
+    for method in ("orange", "ggcnn"):
+        mapped, raw = (d.detect(depth=table(), method=method).grasps for d in (sure, plain))
+        assert len(raw) == 1
+        assert mapped.quality.tolist() == raw.quality.tolist()
 
 
 def test_a_gripper_leaves_out_what_it_cannot_open_for():
