@@ -92,6 +92,7 @@ def full_summary():
             "per_rank": {str(i): score(rng) for i in range(2)},
             "one_of_first": {str(i + 1): score(rng) for i in range(2)},
             "per_difficulty": {k: score(rng) for k in ("easy", "medium", "hard")},
+            "per_family": {k: score(rng) for k in ("blob", "shell")},
         },
         "calibration": {"trials": 500, "ece": 0.0321, "ece_interval": [0.02, 0.05], "brier": 0.2,
                         "brier_interval": [0.1, 0.3], "base_rate": 0.6, "bins": bins},

@@ -7,15 +7,19 @@ from typing import Any
 
 import numpy as np
 
+from graspmap.data.jacquard_labels import read_class_names
 from graspmap.data.scene import Scenes
 from graspmap.evaluation.difficulty import LEVELS, rank_by_difficulty
 from graspmap.evaluation.trial_results import TrialEvaluation, TriedGrasp, clusters
+from graspmap.generation.scene_file import find_record
 from graspmap.metrics.calibration import score_calibration
 from graspmap.metrics.trial import HELD, score_trials
 
 
 def trials_section(trials: TrialEvaluation, scenes: Scenes, seconds: float) -> dict[str, Any]:
-    """What the trials say, as in ``trials.json``, with their time and success by difficulty.
+    """What the trials say, as in ``trials.json``, with their time, and by difficulty and family.
+
+    Both of these count the best grasp of each scene, and are known of scenes that graspmap made.
 
     Args:
         trials: The trials.
@@ -27,6 +31,12 @@ def trials_section(trials: TrialEvaluation, scenes: Scenes, seconds: float) -> d
     """
     section = trials.to_dict()
     section["seconds"] = seconds
+    families = _families(trials, scenes)
+    if len(set(families.values())) > 1:
+        section["per_family"] = {
+            name: _score([t for t in best(trials) if families.get(t.scene) == name], trials)
+            for name in sorted(set(families.values()))
+        }
     difficulty = rank_by_difficulty(scenes, list(dict.fromkeys(t.scene for t in trials.tried)))
     if difficulty is not None:
         section["difficulty_bounds"] = list(difficulty.bounds)
@@ -66,6 +76,18 @@ def best(trials: TrialEvaluation) -> list[TriedGrasp]:
 def outcomes_by_scene(trials: TrialEvaluation) -> dict[str, str]:
     """How the best grasp of each scene ended, by the scene's id."""
     return {t.scene: t.outcome for t in best(trials)}
+
+
+def _families(trials: TrialEvaluation, scenes: Scenes) -> dict[str, str]:
+    """The family of the one object of each scene, as far as a record tells it."""
+    positions = {name: index for index, name in enumerate(scenes.ids)}
+    found = {}
+    for tried in best(trials):
+        record = find_record(scenes.files(positions[tried.scene]))
+        labels = {} if record is None else read_class_names(record)
+        if "general" in labels:
+            found[tried.scene] = labels["general"]
+    return found
 
 
 def _score(tried: Sequence[TriedGrasp], trials: TrialEvaluation) -> dict[str, Any]:
