@@ -147,11 +147,12 @@ def test_from_trials_to_a_card_that_says_it_all(capsys, generated, tmp_path):
     code, _, _ = run(capsys, *words, "--out", tmp_path / "report")
     assert code == 0
     summary = json.loads((tmp_path / "report" / "evaluation.json").read_text())
-    code, out, _ = run(
+    code, _, err = run(
         capsys, "weights", "note", calibrated, "--evaluation", tmp_path / "report", "--weakness",
         "thin rods", "--licence", "Apache-2.0", "--out", noted,
     )  # fmt: skip
     assert code == 0
+    assert "on the scenes of the calibration" in err
     found = load_weights(noted)[1].evaluations[generated.name]
     assert found.success == summary["success"]
     assert found.trials.success == summary["trials"]["success"]

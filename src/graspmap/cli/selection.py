@@ -26,6 +26,7 @@ class Selection:
         scenes: Those of the part that was asked for.
         split: The split; None where all scenes were asked for.
         part: Name of the part.
+        depth: Which depth the scenes have; None: the default of their kind.
         detector: The detector of the weights that are measured; None where there are none.
     """
 
@@ -33,6 +34,7 @@ class Selection:
     scenes: Scenes
     split: Split | None
     part: str
+    depth: str | None
     detector: Detector | None
 
 
@@ -71,10 +73,10 @@ def select(
         trained = detector.card.data.depth
         if trained in KINDS[everything.kind].depths:
             _LOG.info("%s depth, as in the training; --depth takes another", trained)
-            everything = read_scenes(data, depth=trained)
+            depth, everything = trained, read_scenes(data, depth=trained)
     chosen, part = _split(split, weights, everything)
     scenes = everything if chosen is None else chosen.subset(everything, part)
-    return Selection(everything, scenes, chosen, part, detector)
+    return Selection(everything, scenes, chosen, part, depth, detector)
 
 
 def _split(flag: str | None, weights: Path | None, scenes: Scenes) -> tuple[Split | None, str]:

@@ -88,7 +88,7 @@ def calibrate(argv: Sequence[str]) -> None:
         _try(flags, chosen, plain),
         chosen.everything,
         part=chosen.part or None,
-        depth=flags.depth or (card.data.depth if card.data is not None else None),
+        depth=chosen.depth,
         seed=flags.seed,
     )
     if card.evaluations:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ from graspmap.errors import FileFormatError, InvalidInputError
 if TYPE_CHECKING:
     from graspmap.inference import CalibrationCard, EvaluationCard, WeightsCard
 
+_LOG = logging.getLogger(__name__)
 _COLUMNS = ("network", "input", "size", "trial success", "calibration error", "licence")
 _UNKNOWN = "-"
 
@@ -132,6 +134,9 @@ def note(argv: Sequence[str]) -> None:
             problem = f"is of {name}, as an evaluation named before it"
             raise FileFormatError(folder, problem, "name one evaluation for each part of the data")
         measured[name] = found
+        fitted = card.calibration
+        if fitted is not None and (fitted.data_hash, fitted.part) == (found.data_hash, found.part):
+            _LOG.warning("%s: on the scenes of the calibration, so its error is too good", folder)
     card = card.model_copy(
         update={
             "evaluations": {**card.evaluations, **measured},

@@ -40,7 +40,7 @@ class CalibrationCard(_Card):
         data_hash: ``manifest:`` and the hash of their manifest.json, which holds the hash of every
             file; where they have none, ``scenes:`` and that of their ids and objects.
         part: Part of their split; None: all of them.
-        depth: Which of their depths the network saw; None for their kind's default.
+        depth: Which of their depths the network saw; None: the default of their kind.
         grippers: Names of the grippers of the trials.
         perturbation: Standard deviations of place (m), angle (rad), and, relative, of friction and
             mass, where grasps were tried so perturbed; None: where they were said to be.
