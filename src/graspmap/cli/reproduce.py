@@ -1,4 +1,4 @@
-"""``graspmap reproduce``: the tables and figures of the thesis, made again."""
+"""``graspmap reproduce``: the tables and figures of the thesis made again, its claims tested."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _LOG = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Reproduce:
-    """Make a table or figure of the thesis again, on your data, its numbers beside yours.
+    """Make a table or figure of the thesis again, on your data, or put its claims to the test.
 
     Examples:
       graspmap reproduce                      the tables and figures that there are
@@ -38,6 +38,7 @@ class Reproduce:
       graspmap reproduce table-3.1 --data cornell:DIR --rows "MTG-CNN c*" --folds 1/5
       graspmap reproduce table-4.3 --data cornell:DIR --test-data jacquard:OTHER
       graspmap reproduce fig-4.8 --data jacquard:DIR --data.size 96 --training.epochs 5
+      graspmap reproduce claims --data DIR --scale 0.1
 
     A table is expanded to its runs: one for each row, column and fold. Each is trained, chosen on
     its validation part and tested once. Runs that several rows or tables share are made once; what
@@ -47,12 +48,17 @@ class Reproduce:
     every run. The full training of the thesis takes days on a GPU: --scale makes it smaller, and
     the table says so. Any other key of an experiment can be set for all runs: --data.size 96,
     --data.depth stereo, --data.split.by image, --data.split.limit_objects 50, --training.workers 2.
+
+    claims takes the folder of a recipe's parts (graspmap generate --recipe graspmap-v1 --out DIR).
+    Each claim of the thesis becomes pairs of networks, trained with several seeds and compared on
+    the same test scenes, by rectangles and by trials, with intervals and a verdict.
     """
 
     name: Annotated[tyro.conf.Positional[str], option("NAME")] = ""
-    """The table or figure: table-3.1 to table-5.3, fig-4.8, fig-5.6; without it they are listed."""
+    """table-3.1 to table-5.3, fig-4.8, fig-5.6, or claims; without it they are listed."""
     data: Annotated[str | None, option("KIND:DIR", "needed, but for tables of times")] = None
-    """Data to train and test on: jacquard:DIR, cornell:DIR, or what `graspmap generate` made."""
+    """Data to train and test on: jacquard:DIR, cornell:DIR, or what `graspmap generate` made. For
+    claims the folder of a recipe, with the parts train, validation and test-..."""
     test_data: Annotated[str | None, option("KIND:DIR", "table-4.3 only")] = None
     """Other data to test on."""
     scale: Annotated[float, option("S", "default: 1, as published")] = 1.0
@@ -65,6 +71,10 @@ class Reproduce:
     """Only rows whose labels contain this, or match it: "U-Net", "*RGB / MSE*"."""
     seed: Annotated[int, option("N", "default: 0")] = 0
     """Seed of weights, order and folds; the same seed gives the same table."""
+    seeds: Annotated[int | None, option("N", "claims only, default: 3")] = None
+    """How many seeds each network is trained with, from --seed on: at least 2."""
+    large: bool = False
+    """Claims only: also train GR-ConvNet and U-Net, which takes a GPU."""
     workers: Annotated[int | None, option("W", "default: cores / threads, or GPUs")] = None
     """Runs at once, each in a process of its own."""
     threads: Annotated[int | None, option("T", "default: 1 on a CPU")] = None
@@ -99,6 +109,8 @@ def run(argv: Sequence[str]) -> int:
         scale=flags.scale,
         rows=flags.rows,
         seed=flags.seed,
+        seeds=flags.seeds,
+        large=flags.large,
         changes=parse_overrides(rest),
     )
     plan = make_plan(request)
@@ -201,11 +213,13 @@ def _costs(plan: Plan, costs: Mapping[str, Estimate], crew: Crew, total: float) 
 
 
 def _fill(flags: Reproduce, plan: Plan, crew: Crew) -> tuple[Filled, Outcome]:
-    from graspmap.reproduction import conduct, fill
+    from graspmap.reproduction import conduct, fill, judge
 
     if plan.table.kind != "times":
-        outcome = conduct(plan, flags.out / "runs", crew, progress)
-        return fill(plan, outcome.results, outcome.failures), outcome
+        runs = flags.out / "runs"
+        outcome = conduct(plan, runs, crew, progress)
+        claims = judge(plan, outcome.results, runs)
+        return fill(plan, outcome.results, outcome.failures, claims=claims), outcome
     from graspmap.reproduction import Outcome, time_detection
 
     device = "cpu" if crew.devices == ("cpu",) else f"cuda:{crew.devices[0]}"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from graspmap.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from graspmap.reproduction.claims import JudgedClaim, judge
     from graspmap.reproduction.crew import Crew, Outcome, choose_crew, conduct
     from graspmap.reproduction.plan import Plan, Run, make_plan
     from graspmap.reproduction.request import Request
@@ -22,6 +23,7 @@ __all__ = [
     "Crew",
     "Estimate",
     "Filled",
+    "JudgedClaim",
     "Outcome",
     "Plan",
     "Request",
@@ -31,6 +33,7 @@ __all__ = [
     "conduct",
     "estimate",
     "fill",
+    "judge",
     "make_plan",
     "read_table",
     "table_names",
@@ -44,6 +47,7 @@ _HOME = {
     "Crew": "crew",
     "Estimate": "timing",
     "Filled": "results",
+    "JudgedClaim": "claims",
     "Outcome": "crew",
     "Plan": "plan",
     "Request": "request",
@@ -53,6 +57,7 @@ _HOME = {
     "conduct": "crew",
     "estimate": "timing",
     "fill": "results",
+    "judge": "claims",
     "make_plan": "plan",
     "read_table": "table_file",
     "table_names": "table_file",

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from hashlib import blake2b
+from pathlib import Path
 
 from graspmap.data import Scenes, read_scenes
 from graspmap.data.kinds import detect_kind, split_spec
 from graspmap.data.split import fingerprint
+from graspmap.errors import DatasetNotFoundError, InvalidInputError
+from graspmap.generation.ledger import MANIFEST
 from graspmap.generation.scene_file import find_record
 from graspmap.training import Experiment
 from graspmap.training.needs import Contents, missing
@@ -58,6 +63,61 @@ def _count_classes(scenes: Scenes, kind: str) -> int:
     return len(names - {None})
 
 
+@dataclass(frozen=True, eq=False)
+class PartFacts:
+    """The parts of a recipe, each a data set of its own.
+
+    Attributes:
+        folder: Where they lie.
+        train: What is trained on.
+        validation: What the epoch is chosen with.
+        tests: What is tested on, by name of the part.
+    """
+
+    folder: Path
+    train: DataFacts
+    validation: DataFacts
+    tests: Mapping[str, DataFacts]
+
+    @property
+    def by_name(self) -> dict[str, DataFacts]:
+        """All parts."""
+        return {"train": self.train, "validation": self.validation, **self.tests}
+
+
+def look_at_parts(folder: Path | str, depth: str | None = None) -> PartFacts:
+    """Open the parts of a recipe: ``train``, ``validation``, and every ``test...``.
+
+    Args:
+        folder: Where `graspmap generate --recipe` made them.
+        depth: Which of their depths; None for the default.
+
+    Raises:
+        DatasetNotFoundError: A part is missing.
+        FileError: A scene of the sample is damaged.
+        InvalidInputError: Grasps of a test part cannot be tried in simulation.
+    """
+    root = split_spec(folder)[1]
+    names = sorted(path.name for path in root.glob("test*") if path.is_dir())
+    for name in ("train", "validation", *(names[:1] or ["test-..."])):
+        if not (root / name).is_dir():
+            raise DatasetNotFoundError(
+                root / name,
+                "no such part",
+                "name the folder that graspmap generate --recipe graspmap-v1 --out DIR made",
+            )
+    parts = {name: look_at(str(root / name), depth) for name in ("train", "validation", *names)}
+    for name in names:
+        if not parts[name].trials:
+            raise InvalidInputError(
+                f"test part {parts[name].source}",
+                "of scenes whose grasps cannot be tried",
+                "scenes with depth, and a record or a camera",
+            )
+    train, validation = parts.pop("train"), parts.pop("validation")
+    return PartFacts(root.absolute(), train, validation, parts)
+
+
 def look_at(source: str, depth: str | None = None) -> DataFacts:
     """Open a data set and see what it holds.
 
@@ -85,3 +145,32 @@ def look_at(source: str, depth: str | None = None) -> DataFacts:
         trials=all(found.depth for found in contents) and (recorded or cameras),
         fingerprint=fingerprint(scenes),
     )
+
+
+def manifest_hash(facts: DataFacts) -> str | None:
+    """BLAKE2b of the manifest of generated data, which holds the hash of every file of them.
+
+    None where there is none: of other data, or where generating is not finished.
+    """
+    try:
+        content = (facts.scenes.root / MANIFEST).read_bytes()
+    except OSError:
+        return None
+    return blake2b(content, digest_size=16).hexdigest()
+
+
+def part_sizes(
+    experiment: Experiment, facts: DataFacts, parts: PartFacts | None
+) -> tuple[float, float]:
+    """About how many scenes an experiment trains on, and how many choose its epoch."""
+    split, scenes = experiment.data.split, len(facts.scenes)
+    if parts is not None:
+        train, validation = float(scenes), float(len(parts.validation.scenes))
+    elif split.folds is not None:
+        train, validation = (1 - 1 / split.folds) * scenes, scenes / split.folds / 2
+    else:
+        train, validation = split.train * scenes, split.validation * scenes
+    if split.limit_objects is not None:
+        each = 1.0 if split.by == "image" else scenes / facts.objects
+        train = min(train, split.limit_objects * each)
+    return train, validation

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-Need = Literal["test", "trials", "overlaps", "none"]
+Need = Literal["test", "trials", "overlaps", "parts", "none"]
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Measure:
 
 
 def _success(threshold: str) -> tuple[tuple[str, ...], ...]:
-    return (("test", "success", threshold),)
+    return (("parts", "success", threshold), ("test", "success", threshold))
 
 
 MEASURES: dict[str, Measure] = {
@@ -52,12 +52,14 @@ MEASURES: dict[str, Measure] = {
     "success_30": Measure("IoU 30 %", _success("0.30"), percent=True),
     "success_50": Measure("IoU 50 %", _success("0.50"), percent=True),
     "success_75": Measure("IoU 75 %", _success("0.75"), percent=True),
-    "miou": Measure("mIoU", (("test", "miou"),), percent=True),
+    "miou": Measure("mIoU", (("parts", "miou"), ("test", "miou")), percent=True),
     "auc": Measure("AUC", (("test", "auc"),), digits=3),
     "mae": Measure("MAE", (("test", "saliency_mae"), ("test", "depth_mae")), digits=4),
     "accuracy": Measure("Classes", (("test", "category_accuracy"),), percent=True),
     "majority": Measure("Majority", (("test", "category_majority", "test_share"),), percent=True),
-    "sgt": Measure("SGT", (("trials", "success"),), percent=True, need="trials"),
+    "sgt": Measure(
+        "SGT", (("parts", "trials"), ("trials", "success")), percent=True, need="trials"
+    ),
     "validation": Measure(
         "Validation IoU 25 %", (("validation", "success", "0.25"),), percent=True
     ),

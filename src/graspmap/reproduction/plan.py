@@ -1,4 +1,4 @@
-"""From a table to the runs that fill it: each row, column and fold is one experiment.
+"""From a table to the runs that fill it: each row, column, and fold or seed is one experiment.
 
 Runs with one and the same experiment are one run, whichever row or table asks for them: a run is
 known by the hash of its experiment.
@@ -17,7 +17,13 @@ from typing import Any
 import torch
 
 from graspmap.errors import InvalidInputError
-from graspmap.reproduction.facts import DataFacts, look_at
+from graspmap.reproduction.facts import (
+    DataFacts,
+    PartFacts,
+    look_at,
+    look_at_parts,
+    part_sizes,
+)
 from graspmap.reproduction.measures import MEASURES, Need
 from graspmap.reproduction.request import Request, check_request, chosen_folds, chosen_lines
 from graspmap.reproduction.scale import shrink
@@ -38,12 +44,14 @@ class Run:
         experiment: What is trained.
         title: What it is for, for people.
         needs: What is to be done after the training.
+        tests: Data sets that it is tested on scene by scene, by the name of their part.
     """
 
     id: str
     experiment: Experiment
     title: str
     needs: frozenset[Need]
+    tests: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,14 +62,16 @@ class Plan:
         request: What was asked for.
         table: The table.
         lines: Its rows that are shown: those asked for that the data can give.
-        experiments: Experiment of each (row, column): that of its first fold.
-        published: The same as the thesis has it, on these data.
-        cells: Ids of the runs of each (row, column), by fold.
-        runs: Every run once, the first fold of all rows first.
+        experiments: Experiment of each (row, column): that of its first fold or seed.
+        published: The same as the table has it, on these data, before anything is made smaller.
+        cells: Ids of the runs of each (row, column), by fold or seed.
+        runs: Every run once, the first fold or seed of all rows first.
         left_out: Rows that the data cannot give, with the reason.
         unmeasured: Measures that the data cannot give, with the reason.
         folds: (run, of) folds; None where the experiments divide the data once.
+        seeds: How many seeds each row is trained with; None for one.
         facts: What the data hold; None without data.
+        parts: All parts of the data where they come in parts; ``facts`` is that of the training.
     """
 
     request: Request
@@ -73,8 +83,15 @@ class Plan:
     runs: tuple[Run, ...]
     left_out: tuple[tuple[str, str], ...]
     unmeasured: Mapping[str, str]
-    folds: tuple[int, int] | None
-    facts: DataFacts | None
+    folds: tuple[int, int] | None = None
+    seeds: int | None = None
+    facts: DataFacts | None = None
+    parts: PartFacts | None = None
+
+    @property
+    def unit(self) -> str:
+        """What a row is repeated over."""
+        return "folds" if self.seeds is None else "seeds"
 
     @property
     def measures(self) -> tuple[str, ...]:
@@ -100,15 +117,21 @@ def make_plan(request: Request) -> Plan:
     assert request.data is not None  # check_request saw to it
     changes = request.changes
     _check_keys(lines, changes)
-    facts = look_at(request.data, changes.get("data.depth"))
-    test = None
+    parts = test = None
+    if table.kind == "claims":
+        parts = look_at_parts(request.data, changes.get("data.depth"))
+        facts = parts.train
+    else:
+        facts = look_at(request.data, changes.get("data.depth"))
     if request.test_data is not None:
         test = look_at(request.test_data, changes.get("data.test.depth"))
     folds = chosen_folds(request, table, facts)
-    builder = _Builder(request, facts, test, folds)
+    builder = _Builder(request, facts, test, folds, request.seeds or table.seeds, parts)
     kept, left_out = [], []
     for line in lines:
         reason = builder.impossible(line, table.columns) if line.experiment else None
+        if line.large and not request.large:
+            reason = "its network takes a GPU to train; --large trains it, too"
         if reason is None:
             kept.append(line)
         else:
@@ -121,7 +144,7 @@ def make_plan(request: Request) -> Plan:
             "data that have what the rows need",
         )
     unmeasured = {}
-    if not (test or facts).trials:
+    if parts is None and not (test or facts).trials:
         unmeasured["sgt"] = "no depth with a camera or a record, so grasps cannot be tried"
     return _filled(builder, table, tuple(kept), tuple(left_out), unmeasured)
 
@@ -141,14 +164,23 @@ class _Builder:
     facts: DataFacts
     test: DataFacts | None
     folds: tuple[int, int] | None
+    seeds: int | None
+    parts: PartFacts | None
     _known: dict[str, Experiment] = field(default_factory=dict)
 
+    @property
+    def others(self) -> tuple[DataFacts, ...]:
+        """The data sets beside the one that is trained on."""
+        if self.parts is not None:
+            return (self.parts.validation, *self.parts.tests.values())
+        return () if self.test is None else (self.test,)
+
     def published(self, line: Line, variant: Variant) -> Experiment:
-        """As the thesis has it, on the data of the request; first fold."""
+        """As the table has it, on the data of the request; first fold or seed."""
         return self._read(line, variant, {})
 
     def make(self, line: Line, variant: Variant) -> Experiment:
-        """As it is run; first fold.
+        """As it is run; first fold or seed.
 
         Raises:
             ConfigError: It contradicts itself.
@@ -161,22 +193,29 @@ class _Builder:
             self._known[asked] = experiment
         return shrink(experiment, self.request.scale, self._batches(experiment))
 
-    def of_fold(self, experiment: Experiment, fold: int) -> Experiment:
-        """The same for another fold, by the name of its run."""
-        split = experiment.data.split.model_copy(update={"fold": fold})
-        data = experiment.data.model_copy(update={"split": split})
-        one = experiment.model_copy(update={"data": data})
+    def repeat(self, experiment: Experiment, number: int) -> Experiment:
+        """The same for another fold or seed, by the name of its run."""
+        if self.seeds is not None:
+            one = experiment.model_copy(update={"seed": self.request.seed + number})
+        else:
+            split = experiment.data.split.model_copy(update={"fold": number})
+            data = experiment.data.model_copy(update={"split": split})
+            one = experiment.model_copy(update={"data": data})
         return one.model_copy(update={"name": self.identify(one)})
 
     def impossible(self, line: Line, variants: Sequence[Variant]) -> str | None:
         """Why a row cannot be made from the data; None where it can."""
         for variant in variants:
             experiment = self._read(line, variant, self.request.changes)
+            limit = experiment.data.split.limit_objects
+            if limit is not None and limit > self.facts.objects:
+                return f"{self.facts.source} has {self.facts.objects} objects, not {limit}"
+            bare = experiment.model_copy(update={"tasks": type(experiment.tasks)()})
             reason = self.facts.lacks(experiment)
-            if reason is None and self.test is not None:
-                bare = experiment.model_copy(update={"tasks": type(experiment.tasks)()})
-                reason = self.test.lacks(bare)
-                reason = reason and f"{reason} (--test-data)"
+            if reason is None:
+                reason = next(filter(None, (other.lacks(bare) for other in self.others)), None)
+                if reason is not None and self.test is not None:
+                    reason += " (--test-data)"
             if reason is not None:
                 return reason
         return None
@@ -187,7 +226,7 @@ class _Builder:
         del values["name"], values["data"]["cache_dir"]
         for key in _FREE:
             del values["training"][key]
-        values["fingerprints"] = [f.fingerprint for f in (self.facts, self.test) if f is not None]
+        values["fingerprints"] = [facts.fingerprint for facts in (self.facts, *self.others)]
         text = json.dumps(values, sort_keys=True, separators=(",", ":"))
         digest = blake2b(text.encode(), digest_size=6).hexdigest()
         return f"{experiment.network.name}-{digest}"
@@ -203,6 +242,13 @@ class _Builder:
         }
         if self.test is not None:
             values["data.test.source"] = self.test.source
+        if self.parts is not None:
+            # All parts are seen through the same sensor.
+            if "data.depth" in changes:
+                depth = changes["data.depth"]
+                values = {"data.validation.depth": depth, "data.test.depth": depth, **values}
+            values["data.validation.source"] = self.parts.validation.source
+            values["data.test.source"] = next(iter(self.parts.tests.values())).source
         if self.folds is not None:
             values |= {"data.split.folds": self.folds[1], "data.split.fold": 0}
         key = f"{line.experiment} {values}"
@@ -213,13 +259,8 @@ class _Builder:
 
     def _batches(self, experiment: Experiment) -> int:
         """Batches of one pass over the training part, about."""
-        split = experiment.data.split
-        train = split.train if self.folds is None else 1 - 1 / self.folds[1]
-        scenes = train * len(self.facts.scenes)
-        if split.limit_objects is not None:
-            each = 1.0 if split.by == "image" else len(self.facts.scenes) / self.facts.objects
-            scenes = min(scenes, split.limit_objects * each)
-        return max(1, math.ceil(scenes / experiment.training.batch_size))
+        train = part_sizes(experiment, self.facts, self.parts)[0]
+        return max(1, math.ceil(train / experiment.training.batch_size))
 
 
 def _filled(
@@ -234,6 +275,8 @@ def _filled(
     experiments: dict[tuple[int, int], Experiment] = {}
     published: dict[tuple[int, int], Experiment] = {}
     needs = _needs(table, unmeasured)
+    found = {} if builder.parts is None else builder.parts.tests
+    tests = {name: facts.source for name, facts in found.items()}
     places = [
         (row, column)
         for row, line in enumerate(lines)
@@ -243,15 +286,18 @@ def _filled(
     for row, column in places:
         experiments[row, column] = builder.make(lines[row], table.columns[column])
         published[row, column] = builder.published(lines[row], table.columns[column])
-    # All rows get their first fold before any gets its second.
-    for fold in range(1 if builder.folds is None else builder.folds[0]):
+    folds = 1 if builder.folds is None else builder.folds[0]
+    # All rows get their first fold or seed before any gets its second.
+    for number in range(builder.seeds or folds):
         for row, column in places:
             words = [lines[row].title, table.columns[column].name]
-            if builder.folds is not None:
-                words.append(f"fold {fold + 1} of {builder.folds[1]}")
+            if builder.seeds is not None:
+                words.append(f"seed {number + 1} of {builder.seeds}")
+            elif builder.folds is not None:
+                words.append(f"fold {number + 1} of {builder.folds[1]}")
             title = ", ".join(word for word in words if word)
-            experiment = builder.of_fold(experiments[row, column], fold)
-            run = Run(experiment.name, experiment, title, needs)
+            experiment = builder.repeat(experiments[row, column], number)
+            run = Run(experiment.name, experiment, title, needs, tests)
             runs.setdefault(run.id, run)
             cells[row, column] = (*cells.get((row, column), ()), run.id)
     return Plan(
@@ -265,11 +311,15 @@ def _filled(
         left_out=left_out,
         unmeasured=unmeasured,
         folds=builder.folds,
+        seeds=builder.seeds,
         facts=builder.facts,
+        parts=builder.parts,
     )
 
 
 def _needs(table: Table, unmeasured: Mapping[str, str]) -> frozenset[Need]:
+    if table.kind == "claims":
+        return frozenset({"parts"})
     measures = (*table.measures, *table.also)
     needs = {MEASURES[name].need for name in measures if name not in unmeasured}
     if table.kind == "thresholds":
@@ -287,6 +337,4 @@ def _without_runs(request: Request, table: Table, lines: tuple[Line, ...]) -> Pl
         read = partial(read_experiment, experiment_path(line.experiment))
         published[row, 0] = read(line.changes)
         experiments[row, 0] = read({**line.changes, **request.changes})
-    return Plan(
-        request, table, lines, experiments, published, {}, (), (), {}, None, None
-    )  # fmt: skip
+    return Plan(request, table, lines, experiments, published, {}, (), (), {})

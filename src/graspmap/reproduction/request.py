@@ -11,12 +11,13 @@ from graspmap.config import COMMAND_LINE
 from graspmap.data import make_folds
 from graspmap.errors import ConfigError, InvalidInputError, UnknownNameError
 from graspmap.reproduction.facts import DataFacts
-from graspmap.reproduction.table_file import Line, Table
+from graspmap.reproduction.table_file import LEAST_SEEDS, Line, Table
 
 _INSTEAD = {
     "name": "it is made from the experiment",
     "seed": "give --seed",
     "data.source": "give --data",
+    "data.validation.source": "give --data to claims",
     "data.test.source": "give --test-data",
     "data.split.seed": "give --seed",
     "data.split.folds": "give --folds",
@@ -38,7 +39,9 @@ class Request:
         folds: ``K`` (all of K folds) or ``N/K``; None as the table says.
         scale: Share of the published training steps.
         rows: Pattern that the titles of rows must contain or match; None for all.
-        seed: Seed of weights, order and folds.
+        seed: Seed of weights, order and folds; the first one where there are several.
+        seeds: How many seeds each row of the claims is trained with; None as the table says.
+        large: Whether networks are trained, too, that take a GPU.
         changes: Further keys of the experiments, dotted.
     """
 
@@ -49,6 +52,8 @@ class Request:
     scale: float = 1.0
     rows: str | None = None
     seed: int = 0
+    seeds: int | None = None
+    large: bool = False
     changes: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -61,25 +66,35 @@ def check_request(request: Request, table: Table) -> None:
     """
     name = request.name
     if table.kind == "times":
-        for option, given in (("--folds", request.folds), ("--scale", request.scale != 1)):
-            if given:
-                raise InvalidInputError(option, "given", f"nothing: {name} only times networks")
+        _refuse(f"{name} only times networks", folds=request.folds, scale=request.scale != 1)
     elif request.data is None:
-        raise InvalidInputError(
-            "--data", "missing", f"KIND:DIR to train on; the thesis has {table.data} there"
-        )
+        wanted = f"KIND:DIR to train on; the thesis has {table.data} there"
+        if table.kind == "claims":
+            wanted = "the folder that graspmap generate --recipe graspmap-v1 --out DIR made"
+        raise InvalidInputError("--data", "missing", wanted)
+    if table.seeds is None:
+        _refuse(f"{name} has one seed, see --folds", seeds=request.seeds, large=request.large)
+    elif request.seeds is not None and request.seeds < LEAST_SEEDS:
+        raise InvalidInputError("--seeds", request.seeds, f"{LEAST_SEEDS} or more")
     if (request.test_data is None) != (table.test_data is None):
         allowed = f"KIND:DIR to test on; the thesis has {table.test_data} there"
         raise InvalidInputError(
             "--test-data",
             request.test_data or "missing",
-            allowed if table.test_data else f"nothing: {name} tests on a part of --data",
+            allowed if table.test_data else f"nothing: {name} tests on parts of --data",
         )
     if request.seed < 0:
         raise InvalidInputError("--seed", request.seed, "0 or more")
     if not 0 < request.scale <= 1:
         raise InvalidInputError("--scale", request.scale, "a share above 0, up to 1")
     _check_changes(request, table)
+
+
+def _refuse(why: str, **given: object) -> None:
+    """Refuse options that say nothing to a table."""
+    for option, value in given.items():
+        if value:
+            raise InvalidInputError(f"--{option}", "given", f"nothing: {why}")
 
 
 def _check_changes(request: Request, table: Table) -> None:

@@ -1,4 +1,4 @@
-"""A table filled: the thesis's numbers beside ours, with mean and spread over folds."""
+"""A table filled: the thesis's numbers beside ours, with mean and spread over folds or seeds."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from graspmap.reproduction.claims import JudgedClaim
 from graspmap.reproduction.measures import MEASURES, Measure
 from graspmap.reproduction.plan import Plan
 from graspmap.reproduction.scale import differences
@@ -38,7 +39,7 @@ class Cell:
 
     Attributes:
         published: What the thesis prints.
-        values: Ours by fold, in the unit of the table; those that are there.
+        values: Ours by fold or seed, in the unit of the table; those that are there.
         missing: Why some or all are not there, in a word; empty where all are.
     """
 
@@ -48,16 +49,16 @@ class Cell:
 
     @property
     def mean(self) -> float | None:
-        """Mean over folds."""
+        """Mean over folds or seeds."""
         return statistics.fmean(self.values) if self.values else None
 
     @property
     def spread(self) -> float | None:
-        """Standard deviation over folds (n - 1 in the divisor); None below two."""
+        """Standard deviation over folds or seeds (n - 1 in the divisor); None below two."""
         return statistics.stdev(self.values) if len(self.values) > 1 else None
 
     def text(self, measure: Measure) -> str:
-        """Ours as the table writes it: mean, spread, number of folds."""
+        """Ours as the table writes it: mean and spread."""
         if self.mean is None:
             return self.missing or NOTHING
         text = measure.text(self.mean)
@@ -77,6 +78,7 @@ class Filled:
         results: Of the runs.
         failures: Why runs failed, by run.
         changed: What the runs change against the thesis: (published, run) by key.
+        claims: What became of the claims of a table of claims.
     """
 
     plan: Plan
@@ -85,6 +87,7 @@ class Filled:
     results: Mapping[str, Mapping[str, Any]]
     failures: Mapping[str, str]
     changed: Mapping[str, tuple[Any, Any]]
+    claims: tuple[JudgedClaim, ...] = ()
 
     @property
     def rows(self) -> tuple[tuple[Line, tuple[Cell, ...]], ...]:
@@ -108,6 +111,7 @@ def fill(
     results: Mapping[str, Mapping[str, Any]],
     failures: Mapping[str, str] | None = None,
     timed: Mapping[int, Mapping[str, float]] | None = None,
+    claims: tuple[JudgedClaim, ...] = (),
 ) -> Filled:
     """Put results into a table.
 
@@ -116,6 +120,7 @@ def fill(
         results: Results of its runs, as many as there are.
         failures: Why runs failed.
         timed: Of a table of times: what was measured, by row.
+        claims: What became of its claims.
     """
     columns = _columns(plan)
     failures = failures or {}
@@ -124,7 +129,7 @@ def fill(
         for row in range(len(plan.lines))
     )
     pairs = [(plan.published[key], plan.experiments[key]) for key in plan.experiments]
-    return Filled(plan, columns, cells, results, failures, differences(pairs))
+    return Filled(plan, columns, cells, results, failures, differences(pairs), claims)
 
 
 def _columns(plan: Plan) -> tuple[Column, ...]:

@@ -8,8 +8,9 @@ from typing import Any
 
 from graspmap.training import Experiment
 
-_SILENT = ("name", "seed", "data.source", "data.test", "data.cache_dir", "data.split.fold",
-           "training.workers", "training.device", "training.checkpoint_minutes")  # fmt: skip
+_SILENT = ("name", "seed", "data.source", "data.validation", "data.test",
+           "data.cache_dir", "data.split.fold", "training.workers", "training.device",
+           "training.checkpoint_minutes")  # fmt: skip
 """Keys whose change makes nothing smaller."""
 
 

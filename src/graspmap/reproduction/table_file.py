@@ -19,7 +19,13 @@ from graspmap.config import read_model
 from graspmap.errors import MissingFileError, UnknownNameError
 from graspmap.reproduction.measures import MEASURES
 
-Kind = Literal["results", "times", "curves", "thresholds"]
+Kind = Literal["results", "times", "curves", "thresholds", "claims"]
+
+ByScene = Literal["success", "success_75", "miou", "sgt"]
+"""Measures that every test scene has, so that two rows can be compared scene by scene."""
+
+LEAST_SEEDS = 2
+"""One seed says nothing about others."""
 
 NOTHING = "-"
 """Stands for a number that the thesis does not give."""
@@ -92,10 +98,12 @@ class Group(_Section):
 
     Attributes:
         labels: What stands at the left of all of them.
-        experiment: Name of a file in ``experiments/thesis``; null for rows that are only quoted.
+        experiment: Name of a file in ``experiments/thesis``, or the place of one below
+            ``experiments`` (``claims/ggcnn2``); null for rows that are only quoted.
         use: Settings that all of them apply.
         set: What all of them change, by dotted key.
         panel: Part of the figure that shows them.
+        large: Whether their network takes a GPU to train; they are left out unless asked for.
         rows: The rows.
     """
 
@@ -104,25 +112,66 @@ class Group(_Section):
     use: tuple[str, ...] = ()
     set: dict[str, Any] = Field(default_factory=dict)
     panel: str = ""
+    large: bool = False
     rows: tuple[Row, ...]
 
 
+class Pair(_Section):
+    """Two rows of a table that a claim compares.
+
+    Attributes:
+        better: Title of the row that is said to be better.
+        than: Title of the other.
+    """
+
+    better: str
+    than: str
+
+
+class Claim(_Section):
+    """Something that is said of the rows of a table, and that their runs can put to the test.
+
+    Attributes:
+        name: Short name.
+        statement: What is said.
+        source: Who says it, and where.
+        printed: The numbers that stand there, in words.
+        by: Measure in which it is said; the verdict is about that one.
+        expect: ``"better"``: the first of each pair gains; ``"alike"``: no pair differs.
+        pairs: The rows that are compared.
+        foretells: In place of pairs, two measures: over all rows, the first is said to go with the
+            success of trials more closely than the second.
+    """
+
+    name: str
+    statement: str
+    source: str
+    printed: str
+    by: ByScene = "success"
+    expect: Literal["better", "alike"] = "better"
+    pairs: tuple[Pair, ...] = ()
+    foretells: tuple[ByScene, ByScene] | None = None
+
+
 class Table(_Section):
-    """A table or figure of the thesis.
+    """A table or figure of the thesis, or its claims.
 
     Attributes:
         title: What it shows.
         source: Where it stands.
-        kind: Success of trained networks, times, learning curves, or success by threshold.
+        kind: Success of trained networks, times, learning curves, success by threshold, or claims,
+            whose rows are trained and tested on the parts of a recipe.
         data: Kind of the data that the thesis trained on; None where there is none.
         test_data: Kind of other data that it tested on.
         folds: ``N/K``: N of K folds are run; None runs the experiment's own split once.
+        seeds: Each row is trained with so many seeds; None trains it with one.
         labels: Heads of the label columns.
         settings: Changes by name, for rows and groups to use.
         variants: Columns that are runs of their own; none stands for a single one.
         measures: What is reported of each run, see `graspmap.reproduction.measures.MEASURES`.
         also: What is reported of it without a printed number to stand beside.
         groups: The rows.
+        claims: What is said of them.
         notes: What a reader has to know.
     """
 
@@ -132,12 +181,14 @@ class Table(_Section):
     data: Literal["cornell", "jacquard"] | None = None
     test_data: Literal["cornell", "jacquard"] | None = None
     folds: Annotated[str, Field(pattern=_FOLDS)] | None = None
+    seeds: Annotated[int, Field(ge=LEAST_SEEDS)] | None = None
     labels: tuple[str, ...]
     settings: dict[str, dict[str, Any]] = Field(default_factory=dict)
     variants: tuple[Variant, ...] = ()
     measures: tuple[str, ...]
     also: tuple[str, ...] = ()
     groups: tuple[Group, ...]
+    claims: tuple[Claim, ...] = ()
     notes: tuple[str, ...] = ()
 
     @model_validator(mode="after")
@@ -158,7 +209,22 @@ class Table(_Section):
                     if name not in self.settings:
                         known = ", ".join(self.settings)
                         raise ValueError(f"allowed: settings {known}, not {name} in {where}")
+        self._check_claims()
         return self
+
+    def _check_claims(self) -> None:
+        if (self.kind == "claims") != bool(self.claims) or (self.claims and self.seeds is None):
+            raise ValueError(
+                "allowed: claims and seeds in a table of the kind claims, and only there"
+            )
+        titles = [line.title for line in self.lines]
+        for claim in self.claims:
+            if bool(claim.pairs) == (claim.foretells is not None):
+                raise ValueError(f"allowed: either pairs or foretells in the claim {claim.name}")
+            for pair in claim.pairs:
+                for title in (pair.better, pair.than):
+                    if title not in titles:
+                        raise ValueError(f"allowed: rows of the table, not {title} ({claim.name})")
 
     @property
     def columns(self) -> tuple[Variant, ...]:
@@ -183,6 +249,7 @@ class Line:
         elsewhere: Other numbers printed for it, by the table that prints them.
         panel: Part of the figure that shows it.
         untrained: Measures that say nothing here.
+        large: Whether its network takes a GPU to train.
     """
 
     labels: tuple[str, ...]
@@ -192,6 +259,7 @@ class Line:
     elsewhere: dict[str, tuple[str, ...]]
     panel: str
     untrained: tuple[str, ...]
+    large: bool
 
     @property
     def title(self) -> str:
@@ -217,6 +285,7 @@ def _line(table: Table, group: Group, row: Row) -> Line:
         dict(row.elsewhere),
         group.panel,
         row.untrained,
+        group.large,
     )
 
 
@@ -235,9 +304,10 @@ def experiments_folder() -> Path:
 
 
 def table_names() -> tuple[str, ...]:
-    """Names of the tables and figures that there are: tables first, in their order."""
+    """Names of what there is: tables, figures, and the claims, each in their order."""
     names = (path.stem for path in (experiments_folder() / "tables").glob("*.yaml"))
-    return tuple(sorted(names, key=lambda name: (name.startswith("fig"), name)))
+    order = ("table", "fig")
+    return tuple(sorted(names, key=lambda name: ([not name.startswith(o) for o in order], name)))
 
 
 def read_table(name: str) -> Table:
@@ -253,4 +323,4 @@ def read_table(name: str) -> Table:
 
 def experiment_path(name: str) -> Path:
     """The experiment file that a table names."""
-    return experiments_folder() / "thesis" / f"{name}.yaml"
+    return experiments_folder() / f"{name if '/' in name else f'thesis/{name}'}.yaml"

@@ -14,6 +14,7 @@ from graspmap.evaluation.latency import TOTAL, measure_latency
 from graspmap.inference import Detector, WeightsCard
 from graspmap.inference.threads import threads_of
 from graspmap.networks import parameter_count
+from graspmap.reproduction.facts import part_sizes
 from graspmap.reproduction.plan import Plan, Run
 from graspmap.training import Experiment
 from graspmap.training.tasks import make_experiment_network
@@ -163,12 +164,10 @@ def estimate(plan: Plan, device: str, threads: int) -> Mapping[str, Estimate]:
 
 def _cost(plan: Plan, run: Run, parameters: int, step: StepTime) -> Estimate:
     assert plan.facts is not None
-    values, scenes = run.experiment, len(plan.facts.scenes)
-    training, split = values.training, values.data.split
-    train = split.train if split.folds is None else 1 - 1 / split.folds
-    validation = split.validation if split.folds is None else 1 / split.folds / 2
-    batches = training.batches_per_epoch or -(-round(train * scenes) // training.batch_size)
+    training = run.experiment.training
+    train, validation = part_sizes(run.experiment, plan.facts, plan.parts)
+    batches = training.batches_per_epoch or -(-round(train) // training.batch_size)
     steps = training.epochs * batches
-    looked = (training.epochs + 2) * validation * scenes
+    looked = (training.epochs + 2) * validation
     seconds = steps * (training.batch_size * step.train_s + step.step_s) + looked * step.look_s
     return Estimate(parameters, steps, seconds)

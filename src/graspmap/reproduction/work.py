@@ -2,8 +2,9 @@
 
 The folder of a run holds ``train/`` (what `graspmap.training.train` leaves; its checkpoints go
 when it is done), ``evaluation.json``, ``per_scene.csv`` and ``trials/`` where they were asked for,
-and ``result.json`` with every number that tables are made of. Only one process works in it at a
-time, and a run that was stopped goes on from where it was.
+``parts/`` with an evaluation for each test part where the data come in parts, and ``result.json``
+with every number that tables are made of. Only one process works in it at a time, and a run that
+was stopped goes on from where it was.
 """
 
 from __future__ import annotations
@@ -21,9 +22,10 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from graspmap.errors import FolderInUseError, GraspmapError, InvalidInputError
+from graspmap.errors import FolderInUseError, GraspmapError, InvalidInputError, storage_errors
 from graspmap.files import locked, read_text, write_text
 from graspmap.inference.threads import threads_of
+from graspmap.reproduction.held_out import PARTS_FOLDER, measure_parts
 from graspmap.reproduction.plan import Run
 from graspmap.training import Experiment
 
@@ -104,9 +106,15 @@ def do_run(place: Place, run: Run, progress: Progress | None = None) -> None:
             result = _train(run, folder, device, tell)
             _keep(folder, result)
         for need in _missing(run, result):
-            stage = {"overlaps": _overlaps, "trials": _trials}[need]
-            result[need] = stage(run.experiment, folder, device, tell)
+            result[need] = _stage(need, run, folder, device, tell)
             _keep(folder, result)
+
+
+def _stage(need: str, run: Run, folder: Path, device: str, tell: Progress) -> dict[str, Any]:
+    """What is to be done after the training, and its numbers."""
+    if need == "parts":
+        return measure_parts(_detector(folder, device), run, folder / PARTS_FOLDER, tell)
+    return {"overlaps": _overlaps, "trials": _trials}[need](run.experiment, folder, device, tell)
 
 
 def _train(run: Run, folder: Path, device: str, progress: Progress) -> dict[str, Any]:
@@ -117,6 +125,9 @@ def _train(run: Run, folder: Path, device: str, progress: Progress) -> dict[str,
 
     training = run.experiment.training.model_copy(update={"device": device})
     experiment = run.experiment.model_copy(update={"training": training})
+    with storage_errors(folder):
+        if (folder / PARTS_FOLDER).exists():
+            shutil.rmtree(folder / PARTS_FOLDER)  # they speak of other weights
     card = train(experiment, folder / "train", progress=progress)
     network, _ = load_weights(folder / "train" / "weights.safetensors")
     rows = read_rows(folder / "train" / "metrics.jsonl")

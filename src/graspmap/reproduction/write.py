@@ -16,9 +16,12 @@ from typing import Any
 
 from graspmap import __version__
 from graspmap.files import write_text
+from graspmap.reproduction.claims import RULE
+from graspmap.reproduction.facts import PartFacts, manifest_hash
 from graspmap.reproduction.figures import draw_figure
 from graspmap.reproduction.measures import MEASURES
 from graspmap.reproduction.results import Cell, Column, Filled
+from graspmap.reproduction.write_claims import claim_to_dict, claims_to_csv, claims_to_markdown
 
 
 def write_table(filled: Filled, folder: Path) -> list[Path]:
@@ -39,6 +42,7 @@ def write_table(filled: Filled, folder: Path) -> list[Path]:
     content = {
         ".csv": to_csv(filled),
         ".json": json.dumps(to_dict(filled), indent=2, ensure_ascii=False) + "\n",
+        **({"-pairs.csv": claims_to_csv(filled.claims)} if filled.claims else {}),
         ".md": to_markdown(filled, [path.name for path in files if path.suffix == ".png"]),
     }
     for suffix, text in content.items():
@@ -55,9 +59,13 @@ def to_markdown(filled: Filled, pictures: list[str] | None = None) -> str:
         pictures: Names of pictures beside it.
     """
     plan = filled.plan
-    lines = [f"# {plan.request.name}: {plan.table.title}", "", f"Source: {plan.table.source}. "
-             "*Thesis* is what it prints, *here* is what was measured.", ""]  # fmt: skip
+    lines = [f"# {plan.request.name}: {plan.table.title}", "", f"Source: {plan.table.source}."]
+    if plan.table.measures:
+        lines[-1] += " *Thesis* is what it prints, *here* is what was measured."
+    lines.append("")
     lines += [f"![{plan.table.title}]({name})\n" for name in pictures or ()]
+    if filled.claims:
+        lines += [*claims_to_markdown(filled.claims), "## All rows", ""]
     lines += [*_grid(filled), ""]
     notes = [
         *(f"{place} prints for the row \"{plan.lines[row].title}\": {said}."
@@ -94,6 +102,10 @@ def describe(filled: Filled) -> list[str]:
         said.append(f"Data: {request.data}, {len(facts.scenes)} scenes of {facts.objects} objects.")
         if request.test_data is not None:
             said[-1] += f" Test: {request.test_data}."
+    if plan.parts is not None:
+        said[-1] = f"Data: {request.data}."
+        said += _describe_parts(plan.parts)
+        said.append(f"{plan.seeds} seeds a row; ± is the standard deviation over them.")
     if plan.folds is not None:
         run, of = plan.folds
         by = next(iter(plan.experiments.values())).data.split.by
@@ -109,7 +121,8 @@ def describe(filled: Filled) -> list[str]:
         if key != "data.split.folds"
     ]
     if request.scale != 1:
-        said.append(f"Scale {request.scale:g}: so much of the published training steps.")
+        whole = "published" if plan.parts is None else "full"
+        said.append(f"Scale {request.scale:g}: so much of the {whole} training steps.")
     if not filled.changed and plan.table.kind != "times":
         said.append("Nothing of the training was made smaller.")
     said += [f"Row left out: {title}: {why}." for title, why in plan.left_out]
@@ -123,16 +136,26 @@ def describe(filled: Filled) -> list[str]:
     return said
 
 
+def _describe_parts(parts: PartFacts) -> list[str]:
+    """Each part: its scenes, and the hash of the manifest that names all of its files."""
+    said = []
+    for name, facts in parts.by_name.items():
+        manifest = manifest_hash(facts)
+        said.append(f"Part {name}: {len(facts.scenes)} scenes of {facts.objects} objects"
+                    + (f", manifest {manifest}." if manifest else ", no manifest."))  # fmt: skip
+    return said
+
+
 def _short(value: Any) -> str:
     return "a whole pass" if value is None else json.dumps(value)
 
 
 def to_csv(filled: Filled) -> str:
-    """One line a row; for each column the printed number and ours: mean, spread, folds."""
+    """One line a row; for each column the printed number and ours: mean, spread, how many."""
     heads = list(filled.plan.table.labels)
     for column in filled.columns:
         heads += [f"{column.head} thesis"] if column.printed else []
-        heads += [f"{column.head} {part}" for part in ("mean", "spread", "folds")]
+        heads += [f"{column.head} {part}" for part in ("mean", "spread", filled.plan.unit)]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(heads)
@@ -159,12 +182,16 @@ def to_dict(filled: Filled) -> dict[str, Any]:
         "seed": request.seed,
         "scale": request.scale,
         "folds": None if plan.folds is None else {"run": plan.folds[0], "of": plan.folds[1]},
+        "seeds": plan.seeds,
+        "parts": None if plan.parts is None else _parts(plan.parts),
         "changed": {k: {"thesis": a, "here": b} for k, (a, b) in filled.changed.items()},
         "labels": list(plan.table.labels),
         "rows": [
             {
                 "labels": list(line.labels),
-                "cells": [_cell(c, cell) for c, cell in zip(filled.columns, cells, strict=True)],
+                "cells": [
+                    _cell(c, cell, plan.unit) for c, cell in zip(filled.columns, cells, strict=True)
+                ],
                 "elsewhere": line.elsewhere,
                 "runs": [
                     list(plan.cells.get((row, column), ()))
@@ -177,11 +204,24 @@ def to_dict(filled: Filled) -> dict[str, Any]:
         "not_measured": dict(plan.unmeasured),
         "failures": dict(filled.failures),
         "notes": list(plan.table.notes),
+        "rule": list(RULE) if filled.claims else None,
+        "claims": [claim_to_dict(one) for one in filled.claims],
         "graspmap": __version__,
     }
 
 
-def _cell(column: Column, cell: Cell) -> dict[str, Any]:
+def _parts(parts: PartFacts) -> dict[str, Any]:
+    return {
+        name: {
+            "scenes": len(facts.scenes),
+            "objects": facts.objects,
+            "manifest": manifest_hash(facts),
+        }
+        for name, facts in parts.by_name.items()
+    }
+
+
+def _cell(column: Column, cell: Cell, unit: str) -> dict[str, Any]:
     return {
         "column": column.head,
         "measure": column.measure,
@@ -192,7 +232,7 @@ def _cell(column: Column, cell: Cell) -> dict[str, Any]:
         },
         "mean": cell.mean,
         "spread": cell.spread,
-        "folds": len(cell.values),
+        unit: len(cell.values),
         "values": list(cell.values),
         "missing": cell.missing,
     }
