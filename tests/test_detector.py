@@ -13,7 +13,7 @@ from graspmap import Camera, Detector, GraspMaps, Grasps, draw_maps
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.gripper import load_gripper
 from graspmap.inference import CalibrationCard, WeightsCard, import_weights, save_weights
-from graspmap.inference.detector import locate
+from graspmap.inference.locate import locate
 from graspmap.networks import GraspNetwork, make_network
 
 SIZE = 96

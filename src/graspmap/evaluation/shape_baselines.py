@@ -23,7 +23,7 @@ from graspmap.errors import InvalidInputError
 from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps
 from graspmap.gripper import Gripper
-from graspmap.inference.detector import locate
+from graspmap.inference.locate import locate
 from graspmap.simulation.table_plane import fit_table_plane
 
 Floats = NDArray[np.float64]

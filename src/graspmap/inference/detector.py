@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from graspmap.data.images import (
     check_depth_m,
-    fill_depth,
     input_window,
     region_window,
     to_input,
@@ -26,6 +25,7 @@ from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps
 from graspmap.gripper import Gripper
+from graspmap.inference.locate import locate, with_jaw
 from graspmap.inference.shipped import default_weights, weights_path
 from graspmap.inference.weights import WeightsCard, load_weights, weights_hash
 from graspmap.maps.find import find_grasps
@@ -34,8 +34,6 @@ from graspmap.networks import GraspNetwork, multiply_adds, parameter_count
 
 BACKENDS = ("torch",)
 _LARGEST_REGION = 100
-PATCH_PX = 5
-"""Side of the patch around a grasp's centre whose median depth places the grasp."""
 _SPARE = 20
 """Grasps looked at for each one asked for, where a gripper may rule some out."""
 
@@ -295,7 +293,7 @@ class Detector:
             if gripper is not None:
                 fits = np.flatnonzero(width_m <= gripper.max_opening_m)[:top]
                 grasps, position_m, width_m = grasps[fits], position_m[fits], width_m[fits]
-                grasps = _with_jaw(grasps, position_m[:, 2], camera, gripper)
+                grasps = with_jaw(grasps, position_m[:, 2], camera, gripper)
         return Detection(grasps, maps, matrix, position_m, width_m)
 
     def _check(
@@ -345,44 +343,6 @@ def _check_request(
     if gripper is not None and (camera is None or depth is None):
         missing = "camera" if camera is None else "depth"
         raise InvalidInputError(missing, "missing", "both with a gripper: it works in metres")
-
-
-def locate(
-    grasps: Grasps, depth_m: NDArray[np.floating[Any]], camera: Camera
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Place grasps in the camera's frame.
-
-    The depth of a grasp is the median over a patch around its centre, so one noisy pixel does not
-    move it; holes are filled first.
-
-    Args:
-        grasps: N grasps, pixels.
-        depth_m: (H, W) metres along z, NaN where there is none.
-        camera: Intrinsics.
-
-    Returns:
-        (N, 3) centres in metres and (N,) openings in metres.
-    """
-    filled = fill_depth(np.asarray(depth_m, dtype=np.float32)) if len(grasps) else depth_m
-    rows, columns = filled.shape
-    half = PATCH_PX // 2
-    z = np.zeros(len(grasps))
-    for i, (x, y) in enumerate(np.rint(grasps.center).astype(int)):
-        x, y = int(np.clip(x, 0, columns - 1)), int(np.clip(y, 0, rows - 1))
-        patch = filled[max(0, y - half) : y + half + 1, max(0, x - half) : x + half + 1]
-        z[i] = np.median(patch)
-    half_opening = grasps.axis() * (grasps.width / 2)[:, None]
-    ends = [camera.deproject(grasps.center + sign * half_opening, z) for sign in (-1, 1)]
-    return camera.deproject(grasps.center, z), np.linalg.norm(ends[1] - ends[0], axis=1)
-
-
-def _with_jaw(
-    grasps: Grasps, depth_m: NDArray[np.float64], camera: Camera, gripper: Gripper
-) -> Grasps:
-    """Each grasp with the gripper's jaw size that is nearest to the one it has, in pixels."""
-    sizes_px = np.asarray(gripper.jaw_sizes_m) * camera.fx / depth_m[:, None]
-    nearest = np.abs(sizes_px - grasps.height[:, None]).argmin(axis=1)
-    return grasps.replace(height=sizes_px[np.arange(len(grasps)), nearest])
 
 
 def _check_region(

@@ -1,0 +1,64 @@
+"""Grasps of a picture placed in the camera's frame, and fitted with a gripper's jaw.
+
+Letters in shapes: H rows, W columns of the picture; N grasps.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspmap.data.images import fill_depth
+from graspmap.geometry.camera import Camera
+from graspmap.geometry.grasps import Grasps
+from graspmap.gripper import Gripper
+
+PATCH_PX = 5
+"""Side of the patch around a grasp's centre whose median depth places the grasp."""
+
+
+def locate(
+    grasps: Grasps, depth_m: NDArray[np.floating[Any]], camera: Camera
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Place grasps in the camera's frame.
+
+    The depth of a grasp is the median over a patch around its centre, so one noisy pixel does not
+    move it; holes are filled first.
+
+    Args:
+        grasps: N grasps, pixels.
+        depth_m: (H, W) metres along z, NaN where there is none.
+        camera: Intrinsics.
+
+    Returns:
+        (N, 3) centres in metres and (N,) openings in metres.
+    """
+    filled = fill_depth(np.asarray(depth_m, dtype=np.float32)) if len(grasps) else depth_m
+    rows, columns = filled.shape
+    half = PATCH_PX // 2
+    z = np.zeros(len(grasps))
+    for i, (x, y) in enumerate(np.rint(grasps.center).astype(int)):
+        x, y = int(np.clip(x, 0, columns - 1)), int(np.clip(y, 0, rows - 1))
+        patch = filled[max(0, y - half) : y + half + 1, max(0, x - half) : x + half + 1]
+        z[i] = np.median(patch)
+    half_opening = grasps.axis() * (grasps.width / 2)[:, None]
+    ends = [camera.deproject(grasps.center + sign * half_opening, z) for sign in (-1, 1)]
+    return camera.deproject(grasps.center, z), np.linalg.norm(ends[1] - ends[0], axis=1)
+
+
+def with_jaw(
+    grasps: Grasps, depth_m: NDArray[np.float64], camera: Camera, gripper: Gripper
+) -> Grasps:
+    """Each grasp with the gripper's jaw size that is nearest to the one it has, in pixels.
+
+    Args:
+        grasps: N grasps, pixels.
+        depth_m: (N,) depth of their centres.
+        camera: Intrinsics.
+        gripper: The gripper.
+    """
+    sizes_px = np.asarray(gripper.jaw_sizes_m) * camera.fx / depth_m[:, None]
+    nearest = np.abs(sizes_px - grasps.height[:, None]).argmin(axis=1)
+    return grasps.replace(height=sizes_px[np.arange(len(grasps)), nearest])
