@@ -303,7 +303,7 @@ def write_part(folder, scenes, value):
 
 @pytest.fixture(scope="module")
 def many(parts, tmp_path_factory):
-    """The test parts with forty objects each: copies of their files under other names."""
+    """The test parts with ten times the objects, two scenes of each: their files, renamed."""
     root = tmp_path_factory.mktemp("many")
     for name in ("train", "validation"):
         shutil.copytree(parts / name, root / name)
@@ -311,9 +311,10 @@ def many(parts, tmp_path_factory):
         for number, path in itertools.product(range(20), (parts / name).rglob("*_*.*")):
             i, _, rest = path.name.partition("_")
             thing, _, end = rest.rpartition(f"-{path.parent.name.rpartition('-')[2]}")
-            folder = root / name / f"{thing}-{number}-{path.parent.name}"
+            view, copy = number % 2, number // 2
+            folder = root / name / f"{thing}-{copy}-{path.parent.name}"
             folder.mkdir(parents=True, exist_ok=True)
-            (folder / f"{i}_{folder.name}{end}").symlink_to(path)
+            (folder / f"{2 * int(i) + view}_{folder.name}{end}").symlink_to(path)
     return root
 
 
@@ -429,7 +430,7 @@ def test_pages_say_the_same(many, tmp_path):
     assert content["parts"]["test-known"]["scenes"] == 60
     assert content["seeds"] == 3
     assert "3 seeds a row" in page
-    assert "Part test-known: 60 scenes of 60 objects" in page
+    assert "Part test-known: 60 scenes of 30 objects" in page
     (rows,) = {len(line) for line in csv.reader(to_csv(filled).splitlines())}
     assert rows == len(plan.table.labels) + 3 * len(plan.measures)
 
