@@ -92,9 +92,9 @@ class GenerationPlan:
                     )
             self._check_families()
             return
-        for name in ("families", "ranges"):
-            if value := getattr(self, name):
-                raise InvalidInputError(name, repr(value), "for procedural objects only, no meshes")
+        for name, value in (("families", ", ".join(self.families)), ("ranges", self.ranges)):
+            if value:
+                raise InvalidInputError(name, value, "for procedural objects only, no meshes")
         if self.unit is not None and self.unit not in get_args(Unit):
             raise UnknownNameError("unit", self.unit, get_args(Unit))
 

@@ -240,7 +240,11 @@ def _serve(connection: Connection, job: Callable[[Any], Any]) -> None:
             task = connection.recv()
         except (EOFError, ConnectionResetError):
             return
-        connection.send(_do(job, task))
+        answer = _do(job, task)
+        try:
+            connection.send(answer)
+        except (BrokenPipeError, ConnectionResetError):
+            return  # the parent has stopped, and wants no answer
 
 
 def _end_with_parent() -> None:
