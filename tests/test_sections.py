@@ -15,6 +15,7 @@ from graspmap.evaluation.difficulty import LEVELS, rank_by_difficulty
 from graspmap.evaluation.sections import calibration_section, outcomes_by_scene, trials_section
 from graspmap.geometry.grasps import Grasps
 from graspmap.metrics import wilson_interval
+from graspmap.simulation.trial import Perturbation
 
 
 @pytest.fixture(scope="module")
@@ -86,3 +87,24 @@ def test_calibration_is_of_the_grasps_that_there_are(trials):
 def test_outcomes_are_those_of_the_best_grasp(labelled, trials):
     first, second, third = labelled.ids
     assert outcomes_by_scene(trials) == {first: "held", second: "no_grasp", third: "empty"}
+
+
+def test_a_detector_that_finds_nothing_has_no_calibration(labelled):
+    nothing = try_grasps({}, labelled, TrialPlan())
+    assert calibration_section(nothing) is None
+    assert nothing.to_dict()["best"]["success"] == 0.0
+
+
+def test_the_best_grasp_is_scored_apart_and_perturbed(labelled):
+    held = labelled_grasps(labelled).grasps[labelled.ids[0]][:1]
+    beside = Grasps([[3, 3]], [0.0], [9.0], [4.0])
+    found = {labelled.ids[0]: Grasps.concatenate([held, beside, beside])}
+    plan = TrialPlan(top=3, perturbation=Perturbation(position_m=1e-4), repeats=2)
+    summary = try_grasps(found, labelled.subset(labelled.ids[:1]), plan).to_dict()
+    assert (summary["trials"], summary["held"]) == (3, 1)
+    assert summary["robust_success"] == pytest.approx(1 / 3)
+    best = summary["best"]
+    assert (best["trials"], best["held"], best["robust_success"]) == (1, 1, 1.0)
+    assert best["interval"] == pytest.approx(wilson_interval(1, 1))
+    assert summary["settings"]["perturbation"]["position_m"] == 1e-4
+    assert summary["settings"]["shake"] is None

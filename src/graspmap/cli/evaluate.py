@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,9 +16,18 @@ from graspmap.cli.evaluate_sections import (
     task_scores,
     tell_rectangles,
     time_detection,
+    trial_plan,
     try_in_physics,
 )
-from graspmap.cli.frame import option, output_file, output_folder, parse, teller, write_json
+from graspmap.cli.frame import (
+    UsageError,
+    option,
+    output_file,
+    output_folder,
+    parse,
+    teller,
+    write_json,
+)
 from graspmap.cli.progress import progress
 from graspmap.cli.selection import Selection, select
 from graspmap.cli.trial_flags import TrialFlags
@@ -46,7 +56,8 @@ class Evaluate:
 
     A grasp is right when it overlaps a label of a similar angle (30 degrees) by more than the
     threshold. A predictions file has two lines a scene: its id, then x;y;theta;opening;jaw with
-    theta in degrees clockwise. For jacquard they are pixels of the picture enlarged to 1024 px:
+    theta in degrees clockwise; further grasps, best first, follow on lines of their own (--top).
+    For jacquard they are pixels of the picture enlarged to 1024 px:
     x = (x_px + 0.5) * 1024 / side - 0.5, opening = opening_px * 1024 / side; for other kinds,
     pixels of the picture itself. --out writes such a file of what weights say:
       0_1a9fa4c269cfcc1b738e43095496b061
@@ -60,8 +71,8 @@ class Evaluate:
     predictions: Annotated[Path | None, option("F")] = None
     """Predictions file to measure instead."""
     split: Annotated[str | None, option("NAME", "default: all scenes")] = None
-    """Part of the data: test, validation or train of the split.json beside the weights, or
-    FILE.json:NAME."""
+    """Part of the data: test, validation or train of the split.json beside the weights (or in the
+    data's folder), or FILE.json:NAME."""
     protocol: Annotated[
         Literal["strict", "ggcnn", "orange", "all"], option("P", "default: strict")
     ] = "strict"
@@ -105,6 +116,8 @@ def run(argv: Sequence[str]) -> int:
         return evaluate_egad.run(argv[1:])
     flags = parse(Evaluate, argv, "graspmap evaluate")
     _check(flags)
+    if flags.trials:
+        trial_plan(flags)  # a wrong one is told before any work
     from graspmap.evaluation.cards import data_hash
 
     chosen = select(
@@ -120,7 +133,14 @@ def run(argv: Sequence[str]) -> int:
     sections: dict[str, Any] = {
         "detector": _detector(flags, chosen),
         "data_hash": data_hash(chosen.everything),
+        "command": shlex.join(["graspmap", "evaluate", *argv]),
+        "seed": flags.seed,
+        "depth": chosen.depth,
     }
+    tried = None
+    if flags.trials:
+        tried = try_in_physics(flags, chosen, chosen.detector or predictions or {})
+        sections |= tried.sections
     if flags.baseline:
         sections["baselines"] = measure_baselines(flags, chosen)
     tasks = task_scores(flags, chosen)
@@ -128,10 +148,6 @@ def run(argv: Sequence[str]) -> int:
         sections["tasks"] = tasks
     if flags.speed:
         sections["speed"] = time_detection(flags, chosen)
-    tried = None
-    if flags.trials:
-        tried = try_in_physics(flags, chosen, chosen.detector or predictions or {})
-        sections |= tried.sections
     if chosen.split is not None:
         sections["split"] = {"part": chosen.part, "hash": chosen.split.hash}
     write_json(_write(flags, chosen, result, sections, tried), flags.json)
@@ -140,20 +156,21 @@ def run(argv: Sequence[str]) -> int:
 
 def _check(flags: Evaluate) -> None:
     if (flags.weights is None) == (flags.predictions is None):
-        raise InvalidInputError("--weights and --predictions", "not one of the two", "exactly one")
+        raise UsageError("graspmap evaluate", "give either --weights or --predictions")
     if flags.out is not None:
         output_folder(flags.out, "--out")
     output_file(flags.json, "--json", keep=[flags.weights, flags.predictions])
     for name, value, least in (("--seed", flags.seed, 0), ("--top", flags.top, 1)):
         if value < least:
             raise InvalidInputError(name, value, f"{least} or more")
-    if flags.speed and flags.weights is None:
-        raise InvalidInputError("--speed", "given", "only with --weights")
+    for name, given in (("--speed", flags.speed), ("--device", flags.device != "cpu")):
+        if given and flags.weights is None:
+            raise InvalidInputError(name, "given", "only with --weights")
     flags.trial.check()
     unused = [name for name in _TRIAL_FLAGS if getattr(flags.trial, name)]
     if unused and not flags.trials:
         flag = "--" + unused[0].replace("_", "-")
-        raise InvalidInputError(flag, getattr(flags.trial, unused[0]), "only with --trials")
+        raise InvalidInputError(flag, "given", "only with --trials")
 
 
 def _predictions(path: Path) -> dict[str, Grasps]:
@@ -233,6 +250,7 @@ def _write(
     if trials is not None:
         write_trials(trials, flags.out)
     outcomes = None if trials is None else outcomes_by_scene(trials)
+    result.write(flags.out, sections, outcomes)  # pictures may fail; numbers stay
     with progress("drawing the report") as update:
         gallery = make_gallery(
             result,

@@ -14,7 +14,7 @@ from graspmap.cli.selection import Selection
 if TYPE_CHECKING:
     from graspmap.cli.evaluate import Evaluate
     from graspmap.data import Scenes
-    from graspmap.evaluation import Evaluation, GraspDetector, TrialEvaluation
+    from graspmap.evaluation import Evaluation, GraspDetector, TrialEvaluation, TrialPlan
     from graspmap.geometry import Grasps
 
 
@@ -51,11 +51,22 @@ def time_detection(flags: Evaluate, chosen: Selection) -> dict[str, Any]:
     speed = measure_speed({"torch": chosen.detector}, chosen.scenes[0], threads=threads)
     for latency in speed.settings:
         total = latency.to_dict()["total"]
+        words = f"{latency.threads} thread" + "s" * (latency.threads > 1)
         teller(flags.json)(
-            f"detection on {latency.threads} threads: {total['p50_ms']:.1f} ms "
+            f"detection, {words}: {total['p50_ms']:.1f} ms "
             f"(90 of 100 within {total['p90_ms']:.1f} ms)"
         )
     return speed.to_dict()
+
+
+def trial_plan(flags: Evaluate) -> TrialPlan:
+    """How grasps are tried.
+
+    Raises:
+        InvalidInputError: A flag has a wrong value; the error names it.
+        FileError: A file that a flag names is missing or damaged.
+    """
+    return flags.trial.plan(top=flags.top, seed=flags.seed)
 
 
 def try_in_physics(
@@ -66,7 +77,7 @@ def try_in_physics(
     from graspmap.evaluation import file_predictions, predict_scenes, try_grasps
     from graspmap.evaluation.sections import calibration_section, trials_section
 
-    plan = flags.trial.plan(top=flags.top, seed=flags.seed)
+    plan = trial_plan(flags)
     if isinstance(source, dict):
         todo = file_predictions(source, chosen.scenes, chosen.everything.ids)
     else:
@@ -91,9 +102,10 @@ def try_in_physics(
         )
     sections = {"trials": trials_section(trials, scenes, time.perf_counter() - start)}
     _tell_trials(flags, sections["trials"])
-    if source is chosen.detector:  # nobody else's quality is meant to be a probability
-        sections["calibration"] = calibration_section(trials)
-        found = sections["calibration"]
+    # Nobody else's quality is meant to be a probability.
+    found = calibration_section(trials) if source is chosen.detector else None
+    if found is not None:
+        sections["calibration"] = found
         low, high = found["ece_interval"]
         teller(flags.json)(
             f"  quality as the probability that it holds: expected calibration error "
@@ -162,8 +174,7 @@ def tell_rectangles(flags: Evaluate, result: Evaluation, title: str = "") -> Non
 
 def _tell_trials(flags: Evaluate, section: dict[str, Any]) -> None:
     tell = teller(flags.json)
-    several = len(section["per_rank"]) > 1
-    first = section["per_rank"]["0"] if several else section
+    several, first = len(section["per_rank"]) > 1, section["best"]
     low, high = first["interval"]
     tell(
         f"in trials: the best grasp held in {first['held']} of {first['trials']} scenes, "
@@ -175,7 +186,15 @@ def _tell_trials(flags: Evaluate, section: dict[str, Any]) -> None:
             f"  one of the first {k} in {reached['success']:.1%}; "
             f"of all {section['trials']} that were tried {section['success']:.1%} held"
         )
-    tell("  outcomes: " + ", ".join(f"{name} {n}" for name, n in section["outcomes"].items()))
+    if first["robust_success"] is not None:
+        low, high = first["robust_interval"]
+        tell(
+            f"  the best grasp, perturbed: {first['robust_success']:.1%} "
+            f"(95% interval {low:.1%} to {high:.1%})"
+        )
+    tell(
+        "  outcomes of all: " + ", ".join(f"{name} {n}" for name, n in section["outcomes"].items())
+    )
     for level, score in section.get("per_difficulty", {}).items():
         tell(
             f"  best grasps, {level}: {score['held']} of {score['trials']}, {score['success']:.1%}"

@@ -8,6 +8,7 @@ skipped, because the metric has nothing to say about it.
 from __future__ import annotations
 
 import difflib
+import logging
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from inspect import signature
@@ -28,6 +29,7 @@ from graspmap.gripper import Gripper
 from graspmap.metrics.protocols import Decoding, RectangleProtocol
 from graspmap.metrics.rectangle import THRESHOLDS
 
+_LOG = logging.getLogger(__name__)
 _TOLD = 5
 """Unknown scenes that are named."""
 
@@ -147,6 +149,9 @@ def evaluate_predictions(
         FileError: A file of a scene is missing or damaged.
     """
     check_ids(predictions, scenes, known_ids or ())
+    unjudged = sum(len(predictions.get(name, ())) > top for name in scenes.ids)
+    if unjudged:
+        _LOG.warning("%d scenes have more than %d grasps; the others are not judged", unjudged, top)
     judge = Judge(protocol, also, thresholds, confidence, cluster, jaw, seed, top)
 
     def grasps_of(index: int, _scene: Scene | None) -> Callable[[RectangleProtocol], Grasps]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
 
 from graspmap.errors import InvalidInputError
 from graspmap.evaluation.tabletops import SceneWorld
@@ -61,6 +61,17 @@ class TrialPlan:
             isinstance(self.jaw, int | float) and 0 < self.jaw <= 1
         ):
             raise InvalidInputError("jaw", repr(self.jaw), "nearest, given, or metres up to 1")
+
+    def to_dict(self) -> dict[str, Any]:
+        """What of it changes how grasps fare, for JSON; the gripper is told by its name."""
+        return {
+            "top": self.top,
+            "jaw": self.jaw,
+            "shake": None if self.shake is None else asdict(self.shake),
+            "perturbation": None if self.perturbation is None else asdict(self.perturbation),
+            "repeats": self.repeats,
+            "seed": self.seed,
+        }
 
     def gripper_for(self, world: SceneWorld) -> Gripper:
         """The gripper that grasps on a scene are tried with."""

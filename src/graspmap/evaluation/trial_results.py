@@ -18,7 +18,7 @@ from graspmap.files import write_text
 from graspmap.geometry.grasps import Grasps
 from graspmap.geometry.table_grasps import TableGrasps
 from graspmap.metrics.intervals import bootstrap_means
-from graspmap.metrics.trial import TrialScore, first_scores, group_scores
+from graspmap.metrics.trial import TrialScore, first_scores, group_scores, score_trials
 from graspmap.simulation.outcomes import Outcome, TrialResult
 
 NO_GRASP = "no_grasp"
@@ -174,24 +174,50 @@ class TrialEvaluation:
         """Scenes that count as failures because no grasp was predicted for them."""
         return tuple(tried.scene for tried in self.tried if tried.outcome == NO_GRASP)
 
-    def robust(self) -> tuple[float, tuple[float, float]] | None:
-        """Share of all perturbed repeats that held and its interval; None where none were made."""
-        shares = [tried.placed.result.success_probability for tried in self.tried if tried.placed]
-        if not shares or shares[0] is None:
+    def best(self) -> tuple[TriedGrasp, ...]:
+        """The best grasp of each scene, or the scene without one."""
+        return tuple(tried for tried in self.tried if tried.rank == 0)
+
+    def robust(
+        self, tried: tuple[TriedGrasp, ...] | None = None
+    ) -> tuple[float, tuple[float, float]] | None:
+        """Share of the perturbed repeats that held and its interval; None where none were made.
+
+        Args:
+            tried: The grasps that count; None: all.
+        """
+        tried = self.tried if tried is None else tried
+        if self.plan.perturbation is None:
             return None
-        robust = np.array(
-            [
-                0.0 if tried.placed is None else tried.placed.result.success_probability
-                for tried in self.tried
-            ]
-        )
+        shares = [t.placed.result.success_probability if t.placed else 0.0 for t in tried]
+        robust = np.array(shares, dtype=np.float64)
         low, high = bootstrap_means(
             robust[:, None],
             rng=np.random.default_rng(self.plan.seed),
-            groups=clusters(self.tried, self.cluster),
+            groups=clusters(tried, self.cluster),
             confidence=self.score.confidence,
         )[0].tolist()
         return float(robust.mean()), (low, high)
+
+    def score_of(self, tried: tuple[TriedGrasp, ...]) -> dict[str, Any]:
+        """How some of the grasps fared, for JSON: trials, held, success, interval.
+
+        Args:
+            tried: The grasps, at least one.
+        """
+        score = score_trials(
+            [t.outcome for t in tried],
+            [t.object_id or t.scene for t in tried],
+            rng=np.random.default_rng(self.plan.seed),
+            groups=clusters(tried, self.cluster),
+            confidence=self.score.confidence,
+        )
+        return {
+            "trials": score.trials,
+            "held": score.held,
+            "success": score.success,
+            "interval": list(score.interval),
+        }
 
     def to_dict(self, per_grasp: Path | str | None = None) -> dict[str, Any]:
         """The summary for JSON.
@@ -215,6 +241,7 @@ class TrialEvaluation:
             "robust_success": None if robust is None else robust[0],
             "robust_interval": None if robust is None else list(robust[1]),
             "grippers": list(self.grippers),
+            "settings": self.plan.to_dict(),
             "without_prediction": list(self.without_prediction),
             "skipped": self.skipped,
             "per_grasp": None if per_grasp is None else str(per_grasp),
@@ -225,6 +252,13 @@ class TrialEvaluation:
             names = [tried.scene for tried in self.tried]
             first = first_scores(outcomes, names, ranks)
             per_rank = group_scores(outcomes, ranks)
+            best = self.best()
+            robust = self.robust(best)
+            summary["best"] = {
+                **self.score_of(best),
+                "robust_success": None if robust is None else robust[0],
+                "robust_interval": None if robust is None else list(robust[1]),
+            }
             summary["per_rank"] = {str(rank): s.to_dict() for rank, s in per_rank.items()}
             summary["one_of_first"] = {str(k): s.to_dict() for k, s in first.items()}
         return summary
