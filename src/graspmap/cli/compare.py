@@ -15,7 +15,7 @@ from graspmap.errors import InvalidInputError
 if TYPE_CHECKING:
     from graspmap.evaluation.compare import Comparison
 
-_MEASURES = {"success": "right at IoU", "iou": "mean overlap", "held": "held in trials"}
+_MEASURES = {"iou": "mean overlap", "held": "held in trials"}
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,8 @@ class Compare:
     not by McNemar's exact test, overlap (and all of them where objects are what is independent) by
     random changes of sign; the interval of the difference is the paired bootstrap's. p values
     that allow for the number of pairs (Holm) stand beside. With four or more that have trials:
-    how well overlap foretells them (Pearson, Spearman).
+    how well overlap foretells them (Pearson, Spearman). Trials must have been made in one way
+    (gripper, jaw, shake, perturbation); detectors that saw different depth are told.
     """
 
     folders: Annotated[tyro.conf.Positional[tuple[Path, ...]], option("DIR")]
@@ -73,6 +74,8 @@ def _tell(comparison: Comparison, tell: Callable[[str], None]) -> None:
 
     width = max(map(len, comparison.runs))
     tell(f"{len(comparison.runs)} evaluations of {next(iter(comparison.runs.values())).data}")
+    for note in comparison.notes:
+        tell(f"  warning: {note}")
     for name, found in comparison.runs.items():
         parts = [
             f"IoU {t} {share:.1%}" for t, share in (found.summary.get("success") or {}).items()
@@ -84,8 +87,9 @@ def _tell(comparison: Comparison, tell: Callable[[str], None]) -> None:
     for pair in comparison.pairs:
         result = pair.result
         low, high = result.interval
+        measure = _MEASURES.get(pair.measure, f"right at IoU {comparison.threshold}")
         tell(
-            f"  {pair.a} - {pair.b}, {_MEASURES[pair.measure]}: {result.difference:+.3f} "
+            f"  {pair.a} - {pair.b}, {measure}: {result.difference:+.3f} "
             f"({low:+.3f} to {high:+.3f}), p = {result.p_value:.2g}, "
             f"of all pairs {pair.p_adjusted:.2g}, {result.scenes} scenes"
         )
@@ -93,4 +97,11 @@ def _tell(comparison: Comparison, tell: Callable[[str], None]) -> None:
         if c.pearson is None or c.spearman is None:
             tell(f"  {name} and trials: the same in all, so no correlation")
         else:
-            tell(f"  {name} and trials: Pearson {c.pearson:.2f}, Spearman {c.spearman:.2f}")
+            tell(
+                f"  {name} and trials: Pearson {_with_ends(c.pearson, c.pearson_interval)}, "
+                f"Spearman {_with_ends(c.spearman, c.spearman_interval)}"
+            )
+
+
+def _with_ends(value: float, ends: tuple[float, float] | None) -> str:
+    return f"{value:.2f}" + ("" if ends is None else f" ({ends[0]:.2f} to {ends[1]:.2f})")

@@ -156,7 +156,7 @@ def run(argv: Sequence[str]) -> int:
 
 def _check(flags: Evaluate) -> None:
     if (flags.weights is None) == (flags.predictions is None):
-        raise UsageError("graspmap evaluate", "give either --weights or --predictions")
+        raise UsageError("graspmap evaluate", "give exactly one of --weights and --predictions")
     if flags.out is not None:
         output_folder(flags.out, "--out")
     output_file(flags.json, "--json", keep=[flags.weights, flags.predictions])

@@ -59,7 +59,8 @@ class Comparison:
         pairs: Each two of them, by each measure that both have.
         correlations: Each offline measure with the success of trials, over the runs.
         confidence: Of the intervals.
-        cluster: What the paired intervals take as independent.
+        cluster: What the paired intervals and those of the trials take as independent.
+        notes: What a reader should know before believing the numbers, a sentence each.
     """
 
     runs: Mapping[str, RunFolder]
@@ -67,12 +68,20 @@ class Comparison:
     correlations: Mapping[str, Correlation]
     confidence: float
     cluster: str
+    notes: tuple[str, ...] = ()
+
+    @property
+    def threshold(self) -> str | None:
+        """The lowest overlap that counts as right, by which pairs are compared; None without."""
+        return _threshold(self.runs)
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
             "confidence": self.confidence,
             "cluster": self.cluster,
+            "threshold": self.threshold,
+            "notes": list(self.notes),
             "runs": {name: self._shown(run) for name, run in self.runs.items()},
             "pairs": [pair.to_dict() for pair in self.pairs],
             "correlations": {name: c.to_dict() for name, c in self.correlations.items()},
@@ -90,7 +99,8 @@ class Comparison:
                 "success": score.success,
                 "interval": list(score.interval),
             }
-        return {"folder": str(run.folder), **shown, "data": run.data}
+        about = {"data": run.data, "cluster": run.cluster, "depth": run.summary.get("depth")}
+        return {"folder": str(run.folder), **shown, **about}
 
 
 def compare_runs(
@@ -100,12 +110,13 @@ def compare_runs(
 
     Args:
         folders: What ``--out`` of ``graspmap evaluate`` or ``graspmap trial`` made, two or more.
-        seed: Of the intervals.
+        seed: Of the intervals; each pair and measure draws from it anew, so that two reports give
+            the same numbers whatever stands beside them.
         confidence: Of the intervals.
 
     Raises:
         InvalidInputError: Fewer than two folders, one of them twice, other data sets or protocols
-            among them, or no scene that all of them have.
+            among them, trials that were made in another way, or no scene that all of them have.
         FileError: A folder holds no evaluation, or a damaged one.
 
     References:
@@ -117,11 +128,10 @@ def compare_runs(
     by_object = all(run.cluster == "object" for run in runs.values())
     pairs: list[Pair] = []
     for measure, get in _measures(runs).items():
-        rng = np.random.default_rng(seed)
         found = {
             (a, b): result
             for a, b in itertools.combinations(runs, 2)
-            if (result := _compare(runs[a], runs[b], get, by_object, rng, confidence)) is not None
+            if (result := _compare(runs[a], runs[b], get, by_object, seed, confidence)) is not None
         }
         adjusted = holm([result.p_value for result in found.values()])
         pairs += [
@@ -134,6 +144,7 @@ def compare_runs(
         _correlations(runs, confidence),
         confidence,
         "object" if by_object else "scene",
+        _notes(runs),
     )
 
 
@@ -192,7 +203,12 @@ def _read(folders: Sequence[Path | str]) -> dict[str, RunFolder]:
 
 
 def _check_alike(runs: Mapping[str, RunFolder]) -> None:
-    for what, get in (("data set", _data), ("protocol", lambda run: run.protocol)):
+    alike: tuple[tuple[str, Callable[[RunFolder], str | None]], ...] = (
+        ("data set", _data),
+        ("protocol", lambda run: run.protocol),
+        *((f"{what} of the trials", get) for what, get in _TRIED_ALIKE.items()),
+    )
+    for what, get in alike:
         found = {name: get(run) for name, run in runs.items() if get(run) is not None}
         first = next(iter(found), "")
         for name, value in found.items():
@@ -206,6 +222,61 @@ def _check_alike(runs: Mapping[str, RunFolder]) -> None:
         raise InvalidInputError("shared scenes", f"none among {counts}", "one or more")
 
 
+def _notes(runs: Mapping[str, RunFolder]) -> tuple[str, ...]:
+    """What makes reports less alike, or more alike, than a comparison expects."""
+    notes = []
+    depths = {name: run.summary["depth"] for name, run in runs.items() if run.summary.get("depth")}
+    if len(set(depths.values())) > 1:
+        told = ", ".join(f"{name} {depth}" for name, depth in depths.items())
+        notes.append(f"The detectors saw different depth: {told}. They differ in their input, too.")
+    clusters = {name: run.cluster for name, run in runs.items() if run.protocol is not None}
+    if len(set(clusters.values())) > 1:
+        told = ", ".join(f"{name} {cluster}s" for name, cluster in clusters.items())
+        notes.append(
+            f"The intervals of the overlap take different things as independent: {told}. "
+            "The pairs take scenes."
+        )
+    for a, b in itertools.combinations(runs, 2):
+        if runs[a].scenes == runs[b].scenes:
+            notes.append(f"{a} and {b} have the same results in every scene: one detector twice?")
+    return tuple(notes)
+
+
+def _setting(name: str) -> Callable[[RunFolder], str | None]:
+    """How a run's trials were made, in words; None where it has none or does not say."""
+
+    def get(run: RunFolder) -> str | None:
+        settings = (run.summary.get("trials") or {}).get("settings")
+        if not isinstance(settings, Mapping) or name not in settings:
+            return None
+        return _in_words(settings[name])
+
+    return get
+
+
+def _in_words(setting: Any) -> str:
+    if setting is None:
+        return "none"
+    if isinstance(setting, Mapping):
+        return ", ".join(f"{name} {_in_words(value)}" for name, value in setting.items())
+    if isinstance(setting, list | tuple):
+        return " ".join(map(_in_words, setting))
+    return f"{setting:g}" if isinstance(setting, float) else str(setting)
+
+
+def _grippers(run: RunFolder) -> str | None:
+    return ", ".join((run.summary.get("trials") or {}).get("grippers") or ()) or None
+
+
+_TRIED_ALIKE: Mapping[str, Callable[[RunFolder], str | None]] = {
+    "gripper": _grippers,
+    "jaw": _setting("jaw"),
+    "shake": _setting("shake"),
+    "perturbation": _setting("perturbation"),
+}
+"""What trials must share: with another gripper or a shake they are other tests."""
+
+
 def _data(run: RunFolder) -> str:
     kind, _, folder = run.data.partition(":")
     return f"{kind}:{Path(folder).expanduser().resolve()}"
@@ -213,14 +284,19 @@ def _data(run: RunFolder) -> str:
 
 def _measures(runs: Mapping[str, RunFolder]) -> dict[str, Measure]:
     """What scenes are compared by, of a scene: a number, or None where it has none."""
-    thresholds = [run.summary["success"] for run in runs.values() if "success" in run.summary]
     measures: dict[str, Measure] = {}
-    if len(thresholds) > 1:
-        first = min(thresholds[0], key=float)
+    first = _threshold(runs)
+    if first is not None:
         measures["success"] = lambda scene: scene.right.get(first)
         measures["iou"] = lambda scene: scene.iou
     measures["held"] = lambda scene: scene.held
     return measures
+
+
+def _threshold(runs: Mapping[str, RunFolder]) -> str | None:
+    """The lowest threshold of the first run; None where fewer than two have any."""
+    thresholds = [run.summary["success"] for run in runs.values() if "success" in run.summary]
+    return min(thresholds[0], key=float) if len(thresholds) > 1 else None
 
 
 def _compare(
@@ -228,15 +304,15 @@ def _compare(
     b: RunFolder,
     get: Measure,
     by_object: bool,
-    rng: np.random.Generator,
+    seed: int,
     confidence: float,
 ) -> PairedComparison | None:
     """Two runs on the scenes that both have; None where there are none."""
     first, second = [], []
     groups: list[Hashable] = []
-    for name, scene in a.scenes.items():
-        other = b.scenes.get(name)
-        x, y = get(scene), None if other is None else get(other)
+    for name in sorted(a.scenes.keys() & b.scenes.keys()):  # whichever comes first
+        scene = a.scenes[name]
+        x, y = get(scene), get(b.scenes[name])
         if x is not None and y is not None:
             first.append(float(x))
             second.append(float(y))
@@ -244,7 +320,11 @@ def _compare(
     if not first:
         return None
     return compare_paired(
-        first, second, groups=groups if by_object else None, rng=rng, confidence=confidence
+        first,
+        second,
+        groups=groups if by_object else None,
+        rng=np.random.default_rng(seed),
+        confidence=confidence,
     )
 
 

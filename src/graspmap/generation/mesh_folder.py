@@ -40,8 +40,12 @@ class MeshFile:
     hash: str
 
 
-def find_meshes(folder: Path) -> list[MeshFile]:
+def find_meshes(folder: Path, *, remedy: str = "name a folder of meshes") -> list[MeshFile]:
     """The mesh files of a folder and of its subfolders, sorted by name.
+
+    Args:
+        folder: The folder.
+        remedy: What to do where there are none.
 
     Raises:
         DatasetNotFoundError: The folder does not exist or holds none.
@@ -55,11 +59,7 @@ def find_meshes(folder: Path) -> list[MeshFile]:
         and (path.is_file() or not path.exists())
     }
     if not paths:
-        raise DatasetNotFoundError(
-            folder,
-            _nothing(folder),
-            "name a folder of meshes, or 'procedural' for objects that graspmap makes up",
-        )
+        raise DatasetNotFoundError(folder, _nothing(folder), remedy)
     names = sorted(paths)
     ids = _ids(names)
     return [MeshFile(paths[n], n, ids[n], _hash(paths[n])) for n in names]

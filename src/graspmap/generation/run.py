@@ -73,7 +73,7 @@ def generate(
         raise InvalidInputError("workers", workers, "0 or more")
     root = Path(root)
     progress = progress or _quietly
-    files = [] if plan.procedural else find_meshes(Path(plan.objects))
+    files = [] if plan.procedural else find_meshes(Path(plan.objects), remedy=_NO_MESHES)
     values = {
         **plan.to_dict(),
         "meshes": {file.name: file.hash for file in files},

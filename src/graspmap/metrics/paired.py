@@ -31,6 +31,8 @@ Floats = NDArray[np.float64]
 SIGN_FLIPS = 10_000
 """Sign changes drawn for a p value: its least is then 0.0001."""
 
+_ROUNDING = 1e-12
+"""Differences of scenes that differ by no more are the same."""
 _CHUNK = 1 << 22
 """Signs held in memory at once (32 MiB of 64-bit numbers)."""
 
@@ -88,7 +90,9 @@ def compare_paired(
     The interval is the bootstrap's over the scenes' differences (whole groups are drawn). Where no
     two scenes differ in their difference, resampling shows no spread; then the interval allows for
     as many other scenes as Wilson's does. (For two detectors that agree in every scene that is the
-    score interval of Tango.)
+    score interval of Tango.) Zeros and ones agree by chance in a few scenes, numbers such as
+    overlaps do not: where these are the same in every scene, to the last bit, the detectors gave
+    the same grasps, and the interval is 0 to 0.
 
     Args:
         a: (S,) numbers in [0, 1]: right or wrong, held or not, overlap.
@@ -125,7 +129,7 @@ def compare_paired(
         mean_a=float(first.mean()),
         mean_b=float(second.mean()),
         difference=float(gains.mean()),
-        interval=_interval(gains, groups, count, rng, confidence, resamples),
+        interval=_interval(gains, binary, groups, count, rng, confidence, resamples),
         confidence=confidence,
         p_value=exact if independent else sign_flip(gains, groups=groups, rng=rng),
         only_a=only_a if binary else None,
@@ -223,6 +227,7 @@ def check_shares(values: ArrayLike, name: str) -> Floats:
 
 def _interval(
     gains: Floats,
+    binary: bool,
     groups: Groups | None,
     count: int,
     rng: np.random.Generator,
@@ -230,7 +235,10 @@ def _interval(
     resamples: int,
 ) -> tuple[float, float]:
     """Interval of the mean difference, within [-1, 1]."""
-    if count > 1 and np.ptp(gains) == 0:
+    if count > 1 and not binary and not gains.any():
+        check_confidence(confidence)
+        return 0.0, 0.0
+    if count > 1 and np.ptp(gains) <= _ROUNDING:
         # As many groups may be unlike those seen as Wilson's interval lets fail; at worst they
         # have the difference -1, or 1.
         other = 1 - wilson_interval(count, count, check_confidence(confidence))[0]

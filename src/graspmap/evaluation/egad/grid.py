@@ -65,8 +65,8 @@ def make_grid(
     Returns:
         ``rows`` and ``columns``: their names; ``success``, ``interval`` (Wilson's), ``ceiling``:
         (R, C), None where there is no such object; ``row_means``, ``column_means``,
-        ``row_intervals``, ``column_intervals``; ``mean`` over all cells. None where no object has
-        a name of the grid.
+        ``row_intervals``, ``column_intervals``; ``mean`` over all cells; ``missing`` cells and
+        objects ``outside`` the grid, by name. None where no object has a name of the grid.
     """
     names: dict[tuple[int, int], str] = {}
     for name, tries in held.items():
@@ -102,6 +102,7 @@ def make_grid(
             for c, column in enumerate(COLUMNS)
             if (r, c) not in names
         ],
+        "outside": [name for name, tries in held.items() if tries and cell_of(name) is None],
     }
 
 

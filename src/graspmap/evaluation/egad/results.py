@@ -82,6 +82,8 @@ class EgadEvaluation:
             "opening_m": self.plan.gripper.max_opening_m,
             "opening_px": self.plan.opening_px,
             "depth": self.plan.depth,
+            "size_px": self.plan.size_px,
+            "distance_m": list(self.plan.randomisation.camera.distance_m),
             "seed": self.plan.seed,
             "trials_per_object": self.plan.trials,
             "objects": len(objects),
