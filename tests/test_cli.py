@@ -238,6 +238,15 @@ def test_evaluate_predictions_that_are_the_labels(capsys, scenes, tmp_path):
     assert json.loads(out)["success"]["0.75"] == 1.0
 
 
+def test_evaluate_warns_of_predictions_in_another_frame(capsys, scenes, tmp_path):
+    file = tmp_path / "p.txt"
+    file.write_text("0_thing\n2000;500;0;100;50\n1_thing\n500;500;0;100;50\n500;400;0;100;50\n")
+    code, _, told = run(capsys, "evaluate", "--data", f"jacquard:{scenes}", "--predictions", file)
+    assert code == 0
+    assert "1 predicted grasps lie outside the picture (first in 0_thing)" in told
+    assert "1 scenes have more than 1 grasps" in told
+
+
 def test_evaluate_takes_the_depth_of_the_training(capsys, tmp_path):
     from graspmap.inference import DataCard, WeightsCard, save_weights
     from graspmap.networks import make_network

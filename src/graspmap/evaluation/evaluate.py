@@ -149,6 +149,12 @@ def evaluate_predictions(
         FileError: A file of a scene is missing or damaged.
     """
     check_ids(predictions, scenes, known_ids or ())
+    outside = [name for name in scenes.ids if _outside(predictions.get(name), scenes)]
+    if outside:
+        _LOG.warning(
+            "%d predicted grasps lie outside the picture (first in %s): are they in pixels of the "
+            "picture enlarged to %d px?", len(outside), outside[0], JACQUARD_SIDE_PX,
+        )  # fmt: skip
     unjudged = sum(len(predictions.get(name, ())) > top for name in scenes.ids)
     if unjudged:
         _LOG.warning("%d scenes have more than %d grasps; the others are not judged", unjudged, top)
@@ -160,6 +166,14 @@ def evaluate_predictions(
         return lambda _by: grasps
 
     return judge.evaluate(scenes, grasps_of, progress)
+
+
+def _outside(grasps: Grasps | None, scenes: Scenes) -> bool:
+    """Whether the first grasp of a file in Jacquard's frame lies outside every picture."""
+    if grasps is None or not len(grasps) or scenes.kind != "jacquard":
+        return False
+    x, y = grasps.center[0]
+    return not (-0.5 <= x <= JACQUARD_SIDE_PX - 0.5 and -0.5 <= y <= JACQUARD_SIDE_PX - 0.5)
 
 
 def detect_in(
