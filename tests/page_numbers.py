@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from html.parser import HTMLParser
 
@@ -13,6 +14,7 @@ from graspmap.evaluation.report.numbers import NOTHING
 VOID = {"meta", "link", "img", "br"}
 UNITS = {
     "": 1.0, "%": 0.01, " points": 0.01, "°": 1.0, " s": 1.0, " ms": 1.0, " mm": 0.001, " M": 1e6,
+    " degrees": math.pi / 180,
 }  # fmt: skip
 
 

@@ -59,12 +59,12 @@ def test_egad(capsys, meshes, weights, tmp_path):
         "--json", tmp_path / "e.json",
     )  # fmt: skip
     assert code == 0
-    assert "1 objects of" in out
+    assert "1 object of" in out
     assert "gripper franka, stereo depth" in out
     assert "success in percent" in out
     assert "on a robot, thesis: 77%" in out
     assert "robust success" in out
-    assert "1 meshes left out" in out
+    assert "1 mesh left out" in out
     assert "mesh torn.obj is left out" in err
     summary = json.loads((tmp_path / "e.json").read_text())
     assert summary == json.loads((tmp_path / "o" / "evaluation.json").read_text())
@@ -88,7 +88,7 @@ def test_the_same_result_without_a_folder(capsys, meshes, weights, tmp_path):
     options = ("--trials", 1, "--candidates", 0, "--depth", "perfect", "--workers", 1)
     code, out, err = run(capsys, *words, *options, "--json", "-")
     assert code == 0
-    assert "1 objects of" in err
+    assert "1 object of" in err
     found = json.loads(out)["egad"]
     assert found["per_try"] is None
     assert found["ceiling"] is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -110,6 +111,7 @@ def run(argv: Sequence[str]) -> int:
     )
     about = {
         "data": f"egad:{flags.meshes}",
+        "command": shlex.join(["graspmap", "evaluate", "egad", *argv]),
         "detector": {"kind": "weights", "file": str(flags.weights), **detector},
     }
     summary: dict[str, Any]
@@ -180,7 +182,8 @@ def _randomisation(flags: EvaluateEgad) -> Randomisation:
 def _tell(flags: EvaluateEgad, egad: Mapping[str, Any]) -> None:
     tell = teller(flags.json)
     tell(
-        f"{egad['objects']} objects of {flags.meshes}, {egad['trials']} tries, gripper "
+        f"{_counted(egad['objects'], 'object')} of {flags.meshes}, "
+        f"{_counted(egad['trials'], 'try', 'tries')}, gripper "
         f"{egad['gripper']}, {egad['depth']} depth, {egad['seconds']:.0f} s"
     )
     tell(
@@ -191,9 +194,9 @@ def _tell(flags: EvaluateEgad, egad: Mapping[str, Any]) -> None:
     tell("  outcomes: " + ", ".join(f"{name} {n}" for name, n in egad["outcomes"].items()))
     for line in (*_beside(egad), *(_grid(egad["grid"]) or _hardest(egad["per_object"]))):
         tell(f"  {line}")
-    for what, name in (("broken", "meshes"), ("skipped", "tries")):
+    for what, names in (("broken", ("mesh", "meshes")), ("skipped", ("try", "tries"))):
         if egad[what]:
-            tell(f"  {len(egad[what])} {name} left out")
+            tell(f"  {_counted(len(egad[what]), *names)} left out")
     if flags.out is not None:
         tell(f"  written: {flags.out / 'report.html'}, evaluation.json and per_try.csv beside it")
 
@@ -209,12 +212,18 @@ def _beside(egad: Mapping[str, Any]) -> Iterator[str]:
         yield f"falls in which any of the proposed grasps holds: {_share(egad['ceiling'])}"
     proposed = egad["candidates"]
     if proposed is not None and proposed["trials"]:
-        yield f"of {proposed['trials']} proposed grasps held {proposed['success']:.1%}"
+        grasps = _counted(proposed["trials"], "proposed grasp")
+        yield f"of {grasps} held {proposed['success']:.1%}"
     for entry in egad["published"]:
         yield f"on a robot, {entry['name']}: {entry['success']:.0%} ({entry['source']})"
     for what, measure in (("success", "success"), ("candidates", "share of proposed that hold")):
         if egad["trends"][what] is not None:
             yield f"{measure}, rank correlation with {_trend(egad['trends'][what])}"
+
+
+def _counted(count: int, one: str, several: str = "") -> str:
+    """A number of things: ``1 mesh``, ``2 meshes``."""
+    return f"{count} {one if count == 1 else several or one + 's'}"
 
 
 def _share(score: Mapping[str, Any]) -> str:
@@ -245,6 +254,8 @@ def _grid(grid: Mapping[str, Any] | None) -> list[str]:
     for name, values, mean in zip(grid["rows"], grid["success"], grid["row_means"], strict=True):
         lines.append(f"  {name} {cells(values)}  {cells([mean])}")
     lines.append(f"mean{cells(grid['column_means'])}  {cells([grid['mean']])}")
+    if grid["outside"]:
+        lines.append(f"outside the grid of A0 to G6: {_counted(len(grid['outside']), 'object')}")
     return lines
 
 

@@ -28,6 +28,7 @@ ATTEMPTS = 5
 _HOPELESS = 10  # items given up, and not one made
 _REMARKS = 5  # about meshes, shown in full
 _PARTS = ("train", "validation", "test")
+_NO_MESHES = "name a folder of meshes, or 'procedural' for objects that graspmap makes up"
 _LOG = logging.getLogger(__name__)
 
 Update = Callable[[int, int], None]

@@ -33,6 +33,8 @@ INK = "#1e2024"
 PAPER = "#fefefe"
 """What lies between cells; in an SVG it is the page's ``--paper``."""
 _PALE = "#9a9da5"
+_NEAR_AXIS = 0.12
+"""Points of a reliability diagram whose number would lie on the axis if it stood below them."""
 _PANEL = (4.4, 3.1)  # inches; at 72 points an inch a panel fits a phone held upright
 _STYLE: Any = {
     "axes.axisbelow": True,
@@ -272,8 +274,10 @@ def reliability_diagram(
         ax.plot(x, y, color=PALETTE[0], linewidth=1, alpha=0.5)
         ax.scatter(x, y, s=15 + 120 * count / count.max(), color=PALETTE[0], zorder=3)
         for place, share, number in zip(x, y, count, strict=True):
+            # Beside the point and, where the axis is near, above it.
+            offset = (7, 5) if share < _NEAR_AXIS else (7, -11)
             ax.annotate(
-                f"{number:.0f}", (place, share), (7, -11), textcoords="offset points", fontsize=8
+                f"{number:.0f}", (place, share), offset, textcoords="offset points", fontsize=8
             )
         ax.set(xlabel=x_label, ylabel=y_label, xlim=(-0.03, 1.03), ylim=(-0.03, 1.03))
         return laid_out(figure)

@@ -27,8 +27,13 @@ from graspmap.pictures.fields import MAP_KINDS, depth_picture, map_picture
 Why = Literal["best", "worst", "random"]
 
 _LABEL: Color = (0, 150, 90)
+_TRIED: Color = (255, 190, 0)
+"""The grasp that was tried, where it is another than the one measured."""
 _LABELS = 12
 """Labels drawn on a picture; hundreds would hide it."""
+_SAME_PX = 0.01
+_TRIED_DECODING = "refined"
+"""How grasps that are tried are read from maps; see `predict_scenes`."""
 _SIDE_PX = 360
 _LEAST_PART = 0.3
 """Part of the picture's longer side that is shown at least around labels and detection."""
@@ -77,6 +82,9 @@ def make_gallery(
 ) -> tuple[Exhibit, ...]:
     """Show some scenes of an evaluation.
 
+    Tried is the best grasp that the gripper can open for; where it is another than the one
+    measured, the words say so and the pictures show it too.
+
     The best are those whose grasp held and overlaps a label most, the worst those that failed in
     the trial or overlap least, the surest first; of different objects where there are.
 
@@ -100,6 +108,7 @@ def make_gallery(
     for number, (result, why) in enumerate(chosen, start=1):
         scene = scenes.read(scenes.index(result.id))
         trial = tried.get(result.id)
+        another = trial is not None and _is_another(result.grasp, trial.grasp)
         film = None
         if trials is not None and trial is not None and trial.placed is not None:
             film = film_of(trials, trial_scenes or scenes, trial, trial.placed)
@@ -107,9 +116,11 @@ def make_gallery(
             Exhibit(
                 scene=result.id,
                 why=why,
-                words=_words(evaluation, result, trial),
+                words=_words(evaluation, result, trial, another=another),
                 numbers=_numbers(result),
-                pictures=_pictures(evaluation, scene, result, detector),
+                pictures=_pictures(
+                    evaluation, scene, result, detector, trial.grasp if trial and another else None
+                ),
                 film=film,
             )
         )
@@ -168,7 +179,20 @@ def _distinct(order: Iterable[SceneResult], count: int) -> list[SceneResult]:
     return list({result.id: result for result in [*first, *order]}.values())[:count]
 
 
-def _words(evaluation: Evaluation, result: SceneResult, trial: TriedGrasp | None) -> str:
+def _is_another(measured: Grasps, tried: Grasps) -> bool:
+    """Whether the grasp that was tried lies or opens another way than the one measured."""
+    if not len(measured) or not len(tried):
+        return len(measured) != len(tried)
+    one, other = measured.corners()[0], tried.corners()[0]
+    # Turned by half a turn a grasp is the same. The jaw's size is custom, so it says nothing.
+    ends = [(one[[0, 1]] + one[[3, 2]]) / 2, (other[[0, 1]] + other[[3, 2]]) / 2]
+    same = [np.abs(ends[0] - way).max() for way in (ends[1], ends[1][::-1])]
+    return bool(min(same) > _SAME_PX)
+
+
+def _words(
+    evaluation: Evaluation, result: SceneResult, trial: TriedGrasp | None, *, another: bool
+) -> str:
     threshold = next(iter(evaluation.score.success))
     (right,) = count_right(np.array([result.iou]), (threshold,), rule=evaluation.protocol.rule)[0]
     if not len(result.grasp):
@@ -179,9 +203,21 @@ def _words(evaluation: Evaluation, result: SceneResult, trial: TriedGrasp | None
         words = f"Wrong at IoU {threshold:.2f}."
     if trial is None or not len(result.grasp):
         return words
-    if trial.outcome == HELD:
-        return f"{words} It held in the trial."
-    return f"{words} The trial failed, {trial.outcome}: {trial.reason}."
+    if not another:
+        if trial.outcome == HELD:
+            return f"{words} It held in the trial."
+        return f"{words} The trial failed, {trial.outcome}: {trial.reason}."
+    # Read in the same way, only those that the gripper cannot open for are left out.
+    why = (
+        "The gripper cannot open that wide"
+        if evaluation.protocol.decoding == _TRIED_DECODING
+        else "Another grasp was tried than this protocol reads"
+    )
+    if not len(trial.grasp):
+        return f"{words} {why}, and there is no other grasp to try."
+    ended = "it held" if trial.outcome == HELD else f"{trial.outcome}, {trial.reason}"
+    next_one = "its next grasp was tried: " if why.endswith("wide") else ""
+    return f"{words} {why}; {next_one}{ended}."
 
 
 def _numbers(result: SceneResult) -> dict[str, float | None]:
@@ -190,16 +226,24 @@ def _numbers(result: SceneResult) -> dict[str, float | None]:
 
 
 def _pictures(
-    evaluation: Evaluation, scene: Scene, result: SceneResult, detector: GraspDetector | None
+    evaluation: Evaluation,
+    scene: Scene,
+    result: SceneResult,
+    detector: GraspDetector | None,
+    tried: Grasps | None = None,
 ) -> dict[str, Picture]:
-    """Labels and detection, depth, and the maps where the detector has some."""
+    """Labels and detection, depth, and the maps where the detector has some.
+
+    ``tried`` is the grasp that was tried, where it is another.
+    """
     depth = None if scene.depth is None else depth_picture(scene.depth)
     view = scene.rgb if scene.rgb is not None else depth
     assert view is not None  # Scene sees to it
-    window = _window(scene.shape, [result.grasp, scene.grasps or Grasps.empty()])
-    pictures = {"labels and detection": _close_up(view, window, scene.grasps, result.grasp)}
+    tried = Grasps.empty() if tried is None else tried
+    window = _window(scene.shape, [result.grasp, tried, scene.grasps or Grasps.empty()])
+    pictures = {"labels and detection": _close_up(view, window, scene.grasps, result.grasp, tried)}
     if depth is not None:
-        pictures["depth: near bright"] = _close_up(depth, window, None, result.grasp)
+        pictures["depth: near bright"] = _close_up(depth, window, None, result.grasp, tried)
     if detector is None:
         return pictures
     method = evaluation.protocol.decoding
@@ -233,9 +277,13 @@ def _window(shape: tuple[int, int], grasps: Sequence[Grasps]) -> tuple[int, int,
 
 
 def _close_up(
-    view: Picture, window: tuple[int, int, int], labels: Grasps | None, grasp: Grasps
+    view: Picture,
+    window: tuple[int, int, int],
+    labels: Grasps | None,
+    grasp: Grasps,
+    tried: Grasps,
 ) -> Picture:
-    """A window of a picture with some labels and one grasp."""
+    """A window of a picture with some labels, the grasp measured, and another that was tried."""
     x, y, side = window
     part = np.ascontiguousarray(view[y : y + side, x : x + side])
     scale = _fitting(part)
@@ -245,7 +293,8 @@ def _close_up(
         some = np.unique(np.linspace(0, len(labels) - 1, _LABELS).round().astype(int))
         shown = labels[some].transformed(matrix)
         picture = draw_grasps(picture, shown, jaw=_LABEL, opening=_LABEL)
-    return draw_grasps(picture, grasp.transformed(matrix))
+    picture = draw_grasps(picture, grasp.transformed(matrix))
+    return draw_grasps(picture, tried.transformed(matrix), jaw=_TRIED, opening=_TRIED)
 
 
 def _fitting(view: Picture) -> float:

@@ -26,6 +26,7 @@ _FORMATS: dict[str, Callable[[float], str]] = {
     "p": lambda value: f"{value:.2g}",
     "count": lambda value: f"{value:,.0f}",
     "degrees": lambda value: f"{value:g}°",
+    "radians": lambda value: f"{math.degrees(value):.1f} degrees",
     "seconds": lambda value: f"{value:,.1f} s",
     "ms": lambda value: f"{value:.1f} ms",
     "mm": lambda value: f"{1000 * value:.1f} mm",
@@ -74,7 +75,10 @@ class Numbers:
         """Both ends of an interval; `NOTHING` where there is none."""
         if self.get(*path) is None:
             return Markup(NOTHING)
-        return Markup("{} to {}").format(self.show(kind, *path, 0), self.show(kind, *path, 1))
+        # It may break once, before "to".
+        return Markup('{} <span class="end">to {}</span>').format(
+            self.show(kind, *path, 0), self.show(kind, *path, 1)
+        )
 
 
 def as_text(kind: str, value: float | None) -> str:
@@ -82,7 +86,8 @@ def as_text(kind: str, value: float | None) -> str:
 
     Args:
         kind: ``share``, ``change`` (of a share), ``number``, ``p`` (value), ``count``,
-            ``degrees``, ``seconds``, ``ms`` (of milliseconds), ``mm`` (of metres) or ``millions``.
+            ``degrees``, ``radians`` (written in degrees), ``seconds``, ``ms`` (of milliseconds),
+            ``mm`` (of metres) or ``millions``.
         value: The number; None is `NOTHING`.
 
     Raises:
