@@ -94,6 +94,69 @@ def test_the_same_evaluation_twice_does_not_differ(tmp_path):
         assert found.result.p_value == found.p_adjusted == 1
 
 
+def test_two_reports_give_the_same_numbers_wherever_they_stand(tmp_path):
+    for name, quality in (("a", 0.6), ("b", 0.45), ("c", 0.5)):
+        write_run(tmp_path / name, quality, trials=quality)
+    a, b, c = (tmp_path / name for name in "abc")
+    alone = {p.measure: p.result for p in compare_runs([a, b]).pairs}
+    last = {p.measure: p.result for p in compare_runs([c, a, b]).pairs if (p.a, p.b) == ("a", "b")}
+    assert last == alone
+    turned = {p.measure: p.result for p in compare_runs([b, a]).pairs}
+    for measure, result in turned.items():
+        low, high = alone[measure].interval
+        assert result.interval == pytest.approx((-high, -low), abs=1e-12)
+        assert result.p_value == alone[measure].p_value
+
+
+def edit_trials(folder, **settings):
+    summary = json.loads((folder / "trials.json").read_text())
+    summary["grippers"] = [settings.pop("gripper", "jacquard")]
+    known = {"top": 1, "jaw": "nearest", "shake": None, "perturbation": None, "repeats": 1}
+    summary["settings"] = {**known, "seed": 0, **settings}
+    (folder / "trials.json").write_text(json.dumps(summary))
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"gripper": "franka"}, "gripper of the trials of b is franka; allowed: jacquard, as of a"),
+        ({"jaw": 0.02}, "jaw of the trials of b is 0.02; allowed: nearest, as of a"),
+        ({"shake": {"frequency_hz": 4.0, "directions": ["up"]}},
+         "shake of the trials of b is frequency_hz 4, directions up; allowed: none, as of a"),
+        ({"perturbation": {"position_m": 0.002}},
+         "perturbation of the trials of b is position_m 0.002; allowed: none, as of a"),
+    ],
+)  # fmt: skip
+def test_trials_made_in_another_way_are_refused(tmp_path, settings, words):
+    for name in "ab":
+        write_run(tmp_path / name, 0.5, trials=0.5)
+    edit_trials(tmp_path / "a")
+    edit_trials(tmp_path / "b", **settings)
+    with pytest.raises(InvalidInputError, match=re.escape(words)):
+        compare_runs([tmp_path / "a", tmp_path / "b"])
+    edit_trials(tmp_path / "b", seed=7, top=3)  # these change nothing about the best grasp
+    assert compare_runs([tmp_path / "a", tmp_path / "b"]).pairs
+
+
+def test_what_a_reader_should_know_is_told(tmp_path, capsys):
+    write_run(tmp_path / "a", 0.6, depth=None, cluster="object")  # the default: perfect
+    write_run(tmp_path / "b", 0.6, depth="stereo")
+    write_run(tmp_path / "c", 0.3)
+    words = ["compare", *(str(tmp_path / name) for name in "abc"), "--out", str(tmp_path / "out")]
+    assert cli.main(words) == 0
+    said = capsys.readouterr().out
+    assert "warning: The detectors saw different depth: a perfect, b stereo." in said
+    assert "take different things as independent: a objects, b scenes, c scenes" in said
+    assert "warning: a and b have the same results in every scene" in said
+    assert "b and c have" not in said
+    page = (tmp_path / "out/comparison.html").read_text()
+    assert "saw different depth: a perfect, b stereo" in page
+    assert page.count("intervals by object") == 1
+    assert page.count("intervals by scene") == 2
+    both = compare_runs([tmp_path / "b", tmp_path / "c"])
+    assert both.notes == ()
+
+
 def test_objects_are_independent_only_where_all_say_so(tmp_path):
     write_run(tmp_path / "a", 0.6, cluster="object")
     write_run(tmp_path / "b", 0.4, cluster="object")
@@ -157,11 +220,14 @@ def test_names_tell_folders_apart(tmp_path):
     assert list(compare_runs([tmp_path / "x/run", tmp_path / "y/run"]).runs) == ["x/run", "y/run"]
 
 
-def test_page_json_and_csv_say_the_same(tmp_path):
+def test_page_json_and_csv_say_the_same(tmp_path, capsys):
     folders = [tmp_path / name for name in ("a", "<b>&c", "d", "e")]
     for i, folder in enumerate(folders):
         write_run(folder, 0.3 + 0.1 * i, trials=0.2 + 0.15 * i)
     page, table, values = write_comparison(compare_runs(folders), tmp_path / "out")
+    assert cli.main(["compare", *map(str, folders)]) == 0
+    said = capsys.readouterr().out
+    assert re.search(r"mean IoU and trials: Pearson -?\d.\d\d \(-?\d.\d\d to -?\d.\d\d\)", said)
     data = json.loads(values.read_text())
     check_numbers(Page(page.read_text()), data)
     shown = {key for key, _, _ in Page(page.read_text()).shown}
@@ -184,6 +250,7 @@ def test_the_command(tmp_path, capsys):
     out, err = capsys.readouterr()
     assert json.loads(out) == json.loads((tmp_path / "out/comparison.json").read_text())
     assert "a - b, held in trials: " in err
+    assert "a - b, right at IoU 0.25: " in err
     assert (tmp_path / "out/comparison.html").is_file()
     assert cli.main([*words, "--confidence", "1.5"]) == 2
     assert "--confidence is 1.5; allowed: above 0 and below 1" in capsys.readouterr().err

@@ -293,6 +293,10 @@ def test_ranks_and_perturbed_repeats(meshes):
     assert set(summary["per_rank"]) == {"0", "1"}
     # The same grasp twice: what holds, holds again.
     assert summary["one_of_first"]["1"] == summary["one_of_first"]["2"]
+    assert {k: summary["one_of_first"]["1"][k] for k in ("trials", "held", "success")} == {
+        k: summary[k] for k in ("trials", "held", "success")
+    }
+    assert (summary["size_px"], summary["distance_m"]) == (96, [0.5, 0.5])
     shares = [one.tried[0].placed.result.success_probability for one in result.tries]
     assert summary["robust_success"] == pytest.approx(np.mean(shares))
     again = [EgadTry.from_dict(json.loads(json.dumps(entry))) for entry in entries(result)]
@@ -335,8 +339,9 @@ def test_refuses(options, error):
 
 
 def test_no_meshes(tmp_path):
-    with pytest.raises(DatasetNotFoundError, match="no mesh"):
+    with pytest.raises(DatasetNotFoundError, match="no mesh") as caught:
         evaluate_egad(tmp_path, Blind(), PLAN)
+    assert "procedural" not in str(caught.value)
     box(tmp_path / "flat.obj", (1, 1, 0))
     with pytest.raises(InvalidInputError, match="1, none of which is usable"):
         evaluate_egad(tmp_path, Blind(), PLAN)
@@ -377,6 +382,7 @@ def test_grid_against_means_by_hand():
     low, high = grid["row_intervals"][0]
     assert 0 <= low <= 0.75 <= high <= 1
     assert len(grid["missing"]) == 46
+    assert grid["outside"] == ["mug"]
     assert make_grid({"mug": [True]}, {}, rng=np.random.default_rng(0)) is None
 
 

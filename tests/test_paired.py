@@ -124,6 +124,20 @@ def test_without_any_difference_the_interval_is_tangos(scenes, confidence):
     assert apart.p_value == pytest.approx(2.0 ** (1 - scenes))
 
 
+@given(scenes=st.integers(2, 60), seed=seeds)
+def test_overlaps_that_are_the_same_to_the_last_bit_are_of_the_same_grasps(scenes, seed):
+    overlaps = generator(seed).uniform(0.1, 0.9, scenes)
+    assert compare(overlaps, overlaps).interval == (0, 0)
+    # A constant difference shows no spread; the interval still allows for other scenes.
+    apart = compare(overlaps, overlaps - 0.1)
+    assert apart.interval[0] < 0.1 < apart.interval[1]
+    # One scene apart, and the bootstrap sees the spread.
+    other = overlaps.copy()
+    other[0] += 0.05
+    low, high = compare(other, overlaps).interval
+    assert -1e-12 <= low <= 0.05 / scenes <= high <= 0.05 + 1e-12
+
+
 def test_one_object_says_nothing():
     found = compare([1, 1, 0], [0, 1, 0], groups=["a"] * 3)
     assert found.interval == (-1, 1)

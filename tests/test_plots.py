@@ -168,6 +168,18 @@ def test_a_reliability_diagram_leaves_empty_bins_out():
     assert some == without.svg()
 
 
+@pytest.mark.parametrize("share", [0.0, 0.03, 0.1, 0.15, 0.5, 1.0])
+def test_the_number_of_trials_does_not_lie_on_the_axis(share):
+    figure = reliability_diagram([0.0, 0.5, 1.0], [share] * 3, [[0, 1]] * 3, [777] * 3).figure
+    renderer = figure.canvas.get_renderer() if hasattr(figure.canvas, "get_renderer") else None
+    (ax,) = figure.axes
+    axes = ax.get_window_extent(renderer)
+    for text in ax.texts:
+        extent = text.get_window_extent(renderer)
+        assert extent.y0 > axes.y0
+        assert extent.x0 > axes.x0
+
+
 @pytest.mark.parametrize(
     ("draw", "words"),
     [

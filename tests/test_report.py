@@ -23,10 +23,13 @@ from graspmap.evaluation import TrialPlan, evaluate_detector, try_grasps
 from graspmap.evaluation.report.gallery import Exhibit, choose_scenes, make_gallery
 from graspmap.evaluation.report.numbers import NOTHING, Numbers, as_text, key_of
 from graspmap.evaluation.report.page import write_report
+from graspmap.geometry.affine import translation
 from graspmap.geometry.grasps import Grasps
 from graspmap.inference import WeightsCard, save_weights
 from graspmap.maps.grasp_maps import GraspMaps
 from graspmap.networks import make_network
+from graspmap.simulation.shake import Shake
+from graspmap.simulation.trial import Perturbation
 from page_numbers import Page, check_numbers, steps_of
 
 NASTY = "<b>&\"'x"
@@ -45,6 +48,19 @@ def rectangles(rng):
     interval = {t: [p - 0.04321, p + 0.01234] for t, p in success.items()}
     miou, auc = rng.random(2).tolist()
     return {"success": success, "interval": interval, "miou": miou, "auc": auc}
+
+
+def best(rng):
+    return {**score(rng), "robust_success": 0.321, "robust_interval": [0.21, 0.43]}
+
+
+def settings():
+    """Trials as a plan with everything tells them."""
+    shake = Shake(acceleration_m_s2=4.5)
+    plan = TrialPlan(
+        top=2, jaw=0.02, shake=shake, perturbation=Perturbation(0.002, 0.035, 0.1, 0.2), repeats=9
+    )
+    return {**plan.to_dict(), "depth": NASTY}
 
 
 def full_summary():
@@ -69,6 +85,7 @@ def full_summary():
         "without_prediction": [NASTY],
         "without_labels": ["b"],
         "per_scene": "per_scene.csv",
+        "command": f"graspmap evaluate --data {NASTY}",
         "split": {"part": "test", "hash": "0123456789abcdef"},
         "detector": {"kind": "weights", "file": NASTY, "network": "ggcnn2", "channels": "depth",
                      "bins": 3, "size": 320, "parameters": 66676, "multiply_adds": 1234567890,
@@ -82,12 +99,13 @@ def full_summary():
                     "interval": [-0.03, 0.002]}],
         "baselines": {
             "centre": {"summary": NASTY, **rectangles(rng)},
-            "moments": {**rectangles(rng), "trials": score(rng)},
+            "moments": {**rectangles(rng), "trials": {**score(rng), "best": best(rng)}},
         },
         "trials": {
             **score(rng, 500), "scenes": 250, "grippers": ["franka"], "object_mean": 0.5,
             "outcomes": {"held": 300, "slipped": 200}, "robust_success": 0.456,
-            "robust_interval": [0.4, 0.5], "skipped": {"a": NASTY}, "seconds": 1234.56,
+            "robust_interval": [0.4, 0.5], "best": best(rng), "settings": settings(),
+            "skipped": {"a": NASTY}, "seconds": 1234.56,
             "per_object": {f"{NASTY}.{i}": score(rng) for i in range(12)},
             "per_rank": {str(i): score(rng) for i in range(2)},
             "one_of_first": {str(i + 1): score(rng) for i in range(2)},
@@ -95,7 +113,8 @@ def full_summary():
             "per_family": {k: score(rng) for k in ("blob", "shell")},
         },
         "calibration": {"trials": 500, "ece": 0.0321, "ece_interval": [0.02, 0.05], "brier": 0.2,
-                        "brier_interval": [0.1, 0.3], "base_rate": 0.6, "bins": bins},
+                        "brier_interval": [0.1, 0.3], "reliability": 0.011, "resolution": 0.022,
+                        "uncertainty": 0.24, "within_bins": -0.003, "base_rate": 0.6, "bins": bins},
         "tasks": {
             "saliency": {"pictures": 9, "mae": 0.0512, "mae_interval": [0.04, 0.06],
                          "f_measure": 0.9, "f_measure_interval": None, "f_mean": None,
@@ -112,14 +131,17 @@ def full_summary():
                                 "decode": steps, "total": steps}]},
         "egad": {
             **score(rng, 960), "meshes": "/egad", "gripper": "franka", "depth": "stereo",
-            "trials_per_object": 20, "objects": 48, "outcomes": {"held": 500, "empty": 460},
+            "trials_per_object": 20, "objects": 48, "size_px": 512, "distance_m": [0.475, 0.525],
+            "one_of_first": {k: score(rng) for k in ("1", "2")},
+            "outcomes": {"held": 500, "empty": 460},
             "candidates": {"trials": 9999, "held": 1234, "success": 0.1234},
             "ceiling": score(rng, 960), "robust_success": 0.3, "robust_interval": [0.2, 0.4],
             "per_object": {f"A{i}": {**score(rng), "ceiling": score(rng)} for i in range(1, 3)},
             "grid": {"rows": list("ABCDEFG"), "columns": list("0123456"), "success": cells,
                      "ceiling": cells, "row_means": rng.random(7).tolist(),
                      "row_intervals": [[0.1, 0.2]] * 7, "column_means": rng.random(7).tolist(),
-                     "column_intervals": [[0.3, 0.4]] * 7, "mean": 0.5, "missing": ["A0"]},
+                     "column_intervals": [[0.3, 0.4]] * 7, "mean": 0.5, "missing": ["A0"],
+                     "outside": [NASTY]},
             "published": [{"name": "thesis", "success": 0.77, "trials": 980, "source": "Fig. 5.7"}],
             "broken": {"B0": NASTY}, "skipped": {}, "seconds": 99.9,
         },
@@ -128,7 +150,9 @@ def full_summary():
 
 UNSEEN = re.compile(
     r"curve\.|tasks\.saliency\.(precision|recall)|tasks\.category\.confusion"
-    r"|top\..*\.(miou|auc)|baselines\.moments\.trials\.(trials|held)"
+    r"|top\..*\.(miou|auc)|baselines\.moments\.trials\.(best\.)?(trials|held)"
+    r"|baselines\.moments\.trials\.(success|interval)|trials\.settings\.shake\.[^a]"
+    r"|egad\.one_of_first\.\"1\""
     r"|egad\.grid\.(success|ceiling)|egad\.per_object\..*\.ceiling\.(trials|held|interval)"
 )
 """What is drawn and not written, or of which a page shows a part."""
@@ -196,6 +220,49 @@ def test_what_others_wrote_is_text(written):
     )
     words = " ".join(Page(text).words)
     assert words.count(NASTY) >= 5  # data, weights, quirk, object, scene
+
+
+def test_what_counts_all_grasps_and_what_the_best_is_said(tmp_path):
+    summary = full_summary()
+    page = write_report(tmp_path / "a", summary).read_text()
+    cards = page[page.index('class="cards"') : page.index("<section")]
+    assert 'data-key="trials.best.success"' in cards
+    assert 'data-key="trials.best.robust_success"' in cards
+    assert 'data-key="trials.success"' not in cards
+    assert "The best of each scene alone is what counts above" in cards
+    assert "What needs no learning" in page
+    assert 'data-key="baselines.moments.trials.best.success"' in page
+    # A report of one grasp a scene, made before the best were scored apart.
+    for trials in (summary["trials"], summary["baselines"]["moments"]["trials"]):
+        trials.pop("best")
+    summary["trials"]["per_rank"] = {"0": summary["trials"]["per_rank"]["0"]}
+    del summary["trials"]["settings"]
+    old = write_report(tmp_path / "b", summary).read_text()
+    check_numbers(Page(old), {**summary, "gallery": []})
+    assert 'data-key="trials.robust_success"' in old
+    assert 'data-key="baselines.moments.trials.success"' in old
+    assert "counts above" not in old
+
+
+def test_every_object_only_where_that_is_more(tmp_path):
+    summary = full_summary()
+    objects = {f"o{i}": {"trials": 2, "held": 1, "success": 0.5, "interval": [0.1, 0.9]}
+               for i in range(10)}  # fmt: skip
+    summary["trials"]["per_object"] = objects
+    del summary["egad"]
+    assert "Every object" not in write_report(tmp_path, summary).read_text()
+    objects["o3"] |= {"held": 2, "success": 1.0}
+    assert "Every object" in write_report(tmp_path, summary).read_text()
+
+
+def test_objects_outside_the_grid_of_egad(tmp_path):
+    summary = full_summary()
+    page = write_report(tmp_path, summary).read_text()
+    assert "1 object has no place in the grid" in page
+    summary["egad"]["grid"] = None
+    page = write_report(tmp_path, summary).read_text()
+    assert "so there is no grid" in page
+    assert "Rows and columns" not in page
 
 
 def test_the_heat_map_says_the_grid(written):
@@ -354,6 +421,29 @@ class Oracle:
         maps = GraspMaps(*np.random.default_rng(0).random((4, 1, 32, 32), dtype=np.float32))
         scale = np.diag([32 / 128, 32 / 128, 1.0])
         return SimpleNamespace(grasps=self.labels[rgb.tobytes()][:top], maps=maps, matrix=scale)
+
+
+def test_another_grasp_that_was_tried_is_said_and_drawn(generated):
+    scenes = read_scenes(f"jacquard:{generated}")
+    evaluation = evaluate_detector(Oracle(scenes), scenes, jaw="given")
+    measured = {r.id: r.grasp for r in evaluation.results}
+    first, second, third = measured
+    beside = measured[second].transformed(translation(6.0, 0.0))
+    turned = measured[first].replace(angle=measured[first].angle + np.pi)
+    grasps = {first: turned, second: beside, third: Grasps.empty()}
+    trials = try_grasps(grasps, scenes, TrialPlan(), workers=1)
+    shown = {e.scene: e for e in make_gallery(evaluation, scenes, trials=trials, each=1)}
+    assert "cannot open" not in shown[first].words  # half a turn is the same grasp
+    assert "The gripper cannot open that wide; its next grasp was tried: " in shown[second].words
+    assert shown[third].words.endswith("open that wide, and there is no other grasp to try.")
+
+    def yellow(exhibit):
+        picture = exhibit.pictures["labels and detection"].astype(int)
+        return (np.abs(picture - (255, 190, 0)).max(axis=-1) < 12).sum()
+
+    assert yellow(shown[second]) > 100
+    assert yellow(shown[second]) > 5 * max(yellow(shown[first]), yellow(shown[third]))
+    assert make_gallery(evaluation, scenes, each=1)[0].words == "Right at IoU 0.25."
 
 
 def test_a_gallery_of_generated_scenes(generated):

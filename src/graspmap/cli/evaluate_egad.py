@@ -206,7 +206,7 @@ def _beside(egad: Mapping[str, Any]) -> Iterator[str]:
     if egad["robust_success"] is not None:
         low, high = egad["robust_interval"]
         yield f"robust success, perturbed: {egad['robust_success']:.1%} ({low:.1%} to {high:.1%})"
-    for k, score in egad.get("one_of_first", {}).items():
+    for k, score in list(egad.get("one_of_first", {}).items())[1:]:
         yield f"one of the first {k} holds in {score['success']:.1%} of the tries"
     if egad["ceiling"] is not None:
         yield f"falls in which any of the proposed grasps holds: {_share(egad['ceiling'])}"

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from graspmap.data import KINDS
 from graspmap.errors import InvalidInputError
 from graspmap.evaluation.run_folder import MeasuredScene, RunFolder, read_run_folder
 from graspmap.metrics.correlation import Correlation, correlate
@@ -99,7 +100,7 @@ class Comparison:
                 "success": score.success,
                 "interval": list(score.interval),
             }
-        about = {"data": run.data, "cluster": run.cluster, "depth": run.summary.get("depth")}
+        about = {"data": run.data, "cluster": run.cluster, "depth": _depth(run)}
         return {"folder": str(run.folder), **shown, **about}
 
 
@@ -225,7 +226,8 @@ def _check_alike(runs: Mapping[str, RunFolder]) -> None:
 def _notes(runs: Mapping[str, RunFolder]) -> tuple[str, ...]:
     """What makes reports less alike, or more alike, than a comparison expects."""
     notes = []
-    depths = {name: run.summary["depth"] for name, run in runs.items() if run.summary.get("depth")}
+    seen = {name: _depth(run) for name, run in runs.items()}
+    depths = {name: depth for name, depth in seen.items() if depth is not None}
     if len(set(depths.values())) > 1:
         told = ", ".join(f"{name} {depth}" for name, depth in depths.items())
         notes.append(f"The detectors saw different depth: {told}. They differ in their input, too.")
@@ -240,6 +242,15 @@ def _notes(runs: Mapping[str, RunFolder]) -> tuple[str, ...]:
         if runs[a].scenes == runs[b].scenes:
             notes.append(f"{a} and {b} have the same results in every scene: one detector twice?")
     return tuple(notes)
+
+
+def _depth(run: RunFolder) -> str | None:
+    """Which depth the detector saw; None where the report does not say."""
+    if "depth" not in run.summary:
+        return None
+    kind = KINDS.get(run.data.partition(":")[0])
+    told: str | None = run.summary["depth"]
+    return told or (kind.depths[0] if kind is not None and kind.depths else None)
 
 
 def _setting(name: str) -> Callable[[RunFolder], str | None]:

@@ -17,7 +17,7 @@ from graspmap.evaluation.egad.plan import EgadPlan
 from graspmap.evaluation.results import SUMMARY_FILE, as_csv
 from graspmap.files import write_text
 from graspmap.metrics.intervals import bootstrap_means, wilson_interval
-from graspmap.metrics.trial import HELD, TrialScore, first_scores, group_scores, score_trials
+from graspmap.metrics.trial import HELD, TrialScore, group_scores, score_trials
 
 PER_TRY_FILE = "per_try.csv"
 
@@ -227,10 +227,20 @@ class EgadEvaluation:
         """Success by rank, and of a robot that tries again."""
         tried = [grasp for one in self.tries for grasp in one.tried]
         outcomes, ranks = [grasp.outcome for grasp in tried], [grasp.rank for grasp in tried]
-        first = first_scores(outcomes, [grasp.scene for grasp in tried], ranks)
+        meshes = [one.mesh for one in self.tries]
+        first = {}
+        for k in range(1, max(ranks) + 2):
+            held = [any(g.outcome == HELD for g in one.tried[:k]) for one in self.tries]
+            share, interval = self._mean(held, meshes)
+            first[str(k)] = {
+                "trials": len(held),
+                "held": sum(held),
+                "success": share,
+                "interval": interval,
+            }
         return {
             "per_rank": {
                 str(rank): score.to_dict() for rank, score in group_scores(outcomes, ranks).items()
             },
-            "one_of_first": {str(k): score.to_dict() for k, score in first.items()},
+            "one_of_first": first,
         }
