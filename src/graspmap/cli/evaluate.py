@@ -118,6 +118,7 @@ def run(argv: Sequence[str]) -> int:
     _check(flags)
     if flags.trials:
         trial_plan(flags)  # a wrong one is told before any work
+    from graspmap.data import KINDS
     from graspmap.evaluation.cards import data_hash
 
     chosen = select(
@@ -135,7 +136,7 @@ def run(argv: Sequence[str]) -> int:
         "data_hash": data_hash(chosen.everything),
         "command": shlex.join(["graspmap", "evaluate", *argv]),
         "seed": flags.seed,
-        "depth": chosen.depth,
+        "depth": chosen.depth or KINDS[chosen.everything.kind].depths[0],
     }
     tried = None
     if flags.trials:
