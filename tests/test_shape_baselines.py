@@ -56,7 +56,8 @@ def test_a_box_is_grasped_across(baseline, x, y, angle, tilt, length, width):
         widths.append(length)
     best = int(np.argmin(turns))
     assert turns[best] < 8 * DEGREE
-    assert np.linalg.norm(found.center[0] - [x, y]) < 4
+    # Along a box every place is as good.
+    assert np.linalg.norm(found.center[0] - [x, y]) < 2 + 0.1 * length
     assert found.width[0] == pytest.approx(1.25 * widths[best], rel=0.08, abs=3)
 
 

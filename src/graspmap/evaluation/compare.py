@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -330,13 +330,16 @@ def _compare(
             groups.append((True, scene.object_id) if scene.object_id else (False, name))
     if not first:
         return None
-    return compare_paired(
+    result = compare_paired(
         first,
         second,
         groups=groups if by_object else None,
         rng=np.random.default_rng(seed),
         confidence=confidence,
     )
+    # Overlaps that agree to the last bit are those of the same grasps: other scenes differ no more.
+    same = first == second and not set(first) <= {0.0, 1.0}
+    return replace(result, interval=(0.0, 0.0)) if same else result
 
 
 def _correlations(runs: Mapping[str, RunFolder], confidence: float) -> dict[str, Correlation]:

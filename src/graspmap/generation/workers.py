@@ -18,6 +18,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from types import TracebackType
@@ -184,10 +185,17 @@ def _hire(job: Callable[[Any], Any]) -> _Worker[Any]:
     process = context.Process(target=_serve, args=(theirs, job), name="graspmap worker")
     # Libraries read the environment when they are loaded. Ctrl-C goes to every process of the
     # terminal; a worker that has not got as far as to ignore it would die with a traceback.
+    _start_tracker()
     with _environment(_ONE_THREAD), _interrupts_held():
         process.start()
     theirs.close()  # so that its end is seen here
     return _Worker(process, ours)
+
+
+def _start_tracker() -> None:
+    """Start multiprocessing's own helper first: it lets Ctrl-C through again when it starts."""
+    if hasattr(signal, "pthread_sigmask"):  # there is none on Windows
+        resource_tracker.ensure_running()
 
 
 @contextmanager

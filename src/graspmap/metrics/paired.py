@@ -90,9 +90,7 @@ def compare_paired(
     The interval is the bootstrap's over the scenes' differences (whole groups are drawn). Where no
     two scenes differ in their difference, resampling shows no spread; then the interval allows for
     as many other scenes as Wilson's does. (For two detectors that agree in every scene that is the
-    score interval of Tango.) Zeros and ones agree by chance in a few scenes, numbers such as
-    overlaps do not: where these are the same in every scene, to the last bit, the detectors gave
-    the same grasps, and the interval is 0 to 0.
+    score interval of Tango.)
 
     Args:
         a: (S,) numbers in [0, 1]: right or wrong, held or not, overlap.
@@ -129,7 +127,7 @@ def compare_paired(
         mean_a=float(first.mean()),
         mean_b=float(second.mean()),
         difference=float(gains.mean()),
-        interval=_interval(gains, binary, groups, count, rng, confidence, resamples),
+        interval=_interval(gains, groups, count, rng, confidence, resamples),
         confidence=confidence,
         p_value=exact if independent else sign_flip(gains, groups=groups, rng=rng),
         only_a=only_a if binary else None,
@@ -227,7 +225,6 @@ def check_shares(values: ArrayLike, name: str) -> Floats:
 
 def _interval(
     gains: Floats,
-    binary: bool,
     groups: Groups | None,
     count: int,
     rng: np.random.Generator,
@@ -235,9 +232,6 @@ def _interval(
     resamples: int,
 ) -> tuple[float, float]:
     """Interval of the mean difference, within [-1, 1]."""
-    if count > 1 and not binary and not gains.any():
-        check_confidence(confidence)
-        return 0.0, 0.0
     if count > 1 and np.ptp(gains) <= _ROUNDING:
         # As many groups may be unlike those seen as Wilson's interval lets fail; at worst they
         # have the difference -1, or 1.
