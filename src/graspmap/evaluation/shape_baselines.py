@@ -24,12 +24,11 @@ from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps
 from graspmap.gripper import Gripper
 from graspmap.inference.locate import locate
+from graspmap.simulation.rebuild import risen
 from graspmap.simulation.table_plane import fit_table_plane
 
 Floats = NDArray[np.float64]
 
-_LEAST_RISE_M = 0.004  # above the table; lower things are lost in a stereo camera's noise
-_NOISE = 4.0  # deviations of the table from its plane that count as table
 _SPARE = 1.25  # opening over the width of what is grasped
 _BAND = 0.12  # of the length: the slice about the middle whose width is grasped
 _EDGE_POINTS = 240
@@ -142,20 +141,15 @@ def object_mask(depth: Depth) -> Mask:
     rows, columns = depth.shape
     # Inverse depth is linear over the picture whatever the lens: any intrinsics find the plane.
     camera = Camera(columns, columns, (columns - 1) / 2, (rows - 1) / 2, columns, rows)
-    known = np.isfinite(depth)
     try:
-        table = fit_table_plane(depth, known, camera)
+        table = fit_table_plane(depth, np.isfinite(depth), camera)
+        down, distance = -table.T_world_camera.rotation[2], table.T_world_camera.translation[2]
+        x, y = np.arange(columns) - camera.cx, (np.arange(rows) - camera.cy)[:, None]
+        plane = distance / (down[0] * x / camera.fx + down[1] * y / camera.fy + down[2])
+        above = risen(plane - depth, table.residual_m)
     except InvalidInputError:
         return np.zeros(depth.shape, dtype=bool)
-    down, distance = -table.T_world_camera.rotation[2], table.T_world_camera.translation[2]
-    x, y = np.arange(columns) - camera.cx, (np.arange(rows) - camera.cy)[:, None]
-    plane = distance / (down[0] * x / camera.fx + down[1] * y / camera.fy + down[2])
-    rise = np.where(known, plane - depth, 0.0)
-    above = (rise > max(_LEAST_RISE_M, _NOISE * table.residual_m)).astype(np.uint8)
-    cleaned = cv2.morphologyEx(above, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(cleaned, connectivity=8)
-    if len(stats) < 2:
-        return np.zeros(depth.shape, dtype=bool)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(above.astype(np.uint8), connectivity=8)
     return np.asarray(labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])))
 
 

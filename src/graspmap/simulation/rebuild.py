@@ -36,7 +36,7 @@ LOWEST_M = 0.002
 _LEAST_CELLS_M2 = 1.5e-5  # parts of an object with less area are noise at its rim
 _BESIDE_PX = 4  # how far the mask is widened before the rest counts as table
 _ABOVE_NOISE = 4.0  # standard deviations of the table that an object rises, without a mask
-_LEAST_RISE_M = 0.004
+_LEAST_RISE_M = 0.004  # lower things are lost in a stereo camera's noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ def rebuild_tabletop(
     pose = plane.T_world_camera
     rises = _pixel_heights(depth_m, camera, pose)
     if mask is None:
-        mask = _risen(rises, plane.residual_m)
+        mask = risen(rises, plane.residual_m)
     pixels, filled = _tops(rises, mask)
     heights, origin = _draw(pixels, camera, pose, resolution_m)
     heights = _without_crumbs(heights, resolution_m)
@@ -169,8 +169,20 @@ def _pixel_heights(depth_m: NDArray[np.float32], camera: Camera, pose: RigidTran
     return np.asarray(depth_m * (v[:, None] + u + down[2]) + pose.translation[2])
 
 
-def _risen(rises: Floats, residual_m: float) -> Mask:
-    """What stands on the table, where no mask says so."""
+def risen(rises: Floats, residual_m: float) -> Mask:
+    """What stands on the table, where no mask says so.
+
+    Args:
+        rises: (H, W) metres from the table to each pixel's point, upwards or towards the camera;
+            NaN where there is no depth.
+        residual_m: Robust standard deviation of the table from its plane, metres.
+
+    Returns:
+        (H, W) True on what rises more than the table's noise does; single pixels are left out.
+
+    Raises:
+        InvalidInputError: Nothing does.
+    """
     least = max(_LEAST_RISE_M, _ABOVE_NOISE * residual_m)
     with np.errstate(invalid="ignore"):
         high = (rises > least).astype(np.uint8)
