@@ -15,12 +15,32 @@ import pytest
 
 from graspmap import files
 from graspmap.data import files as pictures
-from graspmap.errors import FileError, FileFormatError, MissingFileError, StorageFullError
+from graspmap.errors import (
+    FileError,
+    FileFormatError,
+    MissingFileError,
+    StorageFullError,
+    UnknownNameError,
+)
 
 
 def save(path, image):
     assert cv2.imwrite(str(path), image)
     return path
+
+
+def test_what_ships_by_name_else_a_path(tmp_path, monkeypatch):
+    shipped = {"plain": tmp_path / "plain.yaml"}
+    options = {"what": "cup", "own": "a YAML file"}
+    monkeypatch.chdir(tmp_path)
+    Path("mine").touch()
+    Path("plain").touch()  # does not hide what ships
+    for name in ("plain", Path("plain")):
+        assert files.shipped_or_path(name, shipped, **options) == shipped["plain"]
+    for name in ("mine", "none.yaml", "folder/none", tmp_path / "none", Path("mine")):
+        assert files.shipped_or_path(name, shipped, **options) == Path(name)
+    with pytest.raises(UnknownNameError, match=r"cup.*plain, or a YAML file.*'plain'"):
+        files.shipped_or_path("plan", shipped, **options)
 
 
 def test_colour_of_all_layouts(tmp_path):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from graspmap.errors import (
     FileFormatError,
     FolderInUseError,
     MissingFileError,
+    UnknownNameError,
     storage_errors,
 )
 
@@ -37,6 +38,30 @@ def _umask() -> int:
 
 
 _UMASK = _umask()
+
+
+def shipped_or_path(
+    name_or_path: Path | str, shipped: Mapping[str, Path], *, what: str, own: str
+) -> Path:
+    """The file of something that ships with graspmap, by its name, or a user's own.
+
+    A name that ships is taken as such. Else, what has a suffix, holds a slash or exists is a path.
+
+    Args:
+        name_or_path: Which.
+        shipped: Files that ship, by name.
+        what: What the file describes, for messages: ``"gripper"``.
+        own: What a user may give instead, for messages: ``"a YAML file"``.
+
+    Raises:
+        UnknownNameError: It is no path, and nothing of this name ships.
+    """
+    path, name = Path(name_or_path), str(name_or_path)
+    if name in shipped:
+        return shipped[name]
+    if path.suffix or len(path.parts) > 1 or path.exists():
+        return path
+    raise UnknownNameError(what, name, [*shipped, f"or {own}"])
 
 
 def read_bytes(path: Path, *, empty: bool = False) -> bytes:

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from graspmap.config import read_model
 from graspmap.errors import ConfigError, InvalidInputError, UnknownNameError
+from graspmap.files import shipped_or_path
 from graspmap.generation.plan import GenerationPlan
 from graspmap.gripper import load_gripper
 from graspmap.simulation.render import Randomisation
@@ -74,9 +75,7 @@ def load_recipe(name_or_path: str | Path) -> Mapping[str, GenerationPlan]:
         ConfigError: A key or a value is wrong, or two parts have one seed, so that they would show
             the same objects.
     """
-    path = SHIPPED.get(str(name_or_path), Path(name_or_path))
-    if str(name_or_path) not in SHIPPED and not path.suffix and not path.exists():
-        raise UnknownNameError("recipe", str(name_or_path), [*SHIPPED, "or a YAML file"])
+    path = shipped_or_path(name_or_path, SHIPPED, what="recipe", own="a YAML file")
     recipe = read_model(path, RecipeFile, what="recipe", example=f"one of {', '.join(SHIPPED)}")
     seeds: dict[int, str] = {}
     for name, part in recipe.parts.items():

@@ -2,39 +2,29 @@
 
 from __future__ import annotations
 
-from importlib import resources
 from pathlib import Path
 
 from graspmap.config import nearest_key, read_values
-from graspmap.errors import ConfigError, InvalidInputError, UnknownNameError
+from graspmap.errors import ConfigError, InvalidInputError
+from graspmap.files import shipped_or_path
 from graspmap.gripper.gripper import KEYS, Gripper
 
-_FOLDER = Path(str(resources.files("graspmap.gripper"))) / "profiles"
+_SHIPPED = {path.stem: path for path in sorted(Path(__file__).with_name("profiles").glob("*.yaml"))}
 _START = "`graspmap gripper show franka --yaml`"
 
 
 def profile_names() -> list[str]:
     """Names of the profiles that ship with graspmap, in alphabetical order."""
-    return sorted(path.stem for path in _FOLDER.glob("*.yaml"))
+    return list(_SHIPPED)
 
 
 def profile_path(name_or_path: str | Path) -> Path:
-    """The YAML file of a shipped profile, or of a user's.
-
-    What ends in ``.yaml`` or ``.yml``, holds a slash or exists as a file is a path; anything else
-    is a name.
+    """The YAML file of a shipped profile, or of a user's; see `graspmap.files.shipped_or_path`.
 
     Raises:
         UnknownNameError: No profile has this name.
     """
-    path = Path(name_or_path)
-    text = str(name_or_path)
-    is_path = not isinstance(name_or_path, str) or len(path.parts) > 1
-    if text in profile_names():
-        return _FOLDER / f"{text}.yaml"
-    if is_path or path.suffix in (".yaml", ".yml") or path.is_file():
-        return path
-    raise UnknownNameError("gripper", text, [*profile_names(), "or a YAML file"])
+    return shipped_or_path(name_or_path, _SHIPPED, what="gripper", own="a YAML file")
 
 
 def load_gripper(name_or_path: str | Path) -> Gripper:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from graspmap.data.images import Channels
-from graspmap.errors import InvalidInputError, UnknownNameError
+from graspmap.errors import InvalidInputError
+from graspmap.files import shipped_or_path
 from graspmap.inference.weights import SUFFIX, read_card
 
 _FOLDER = Path(__file__).with_name("shipped")
@@ -17,20 +18,12 @@ def shipped_weights() -> dict[str, Path]:
 
 
 def weights_path(name_or_path: Path | str) -> Path:
-    """The file of shipped weights, or of a user's.
-
-    What is the name of shipped weights is taken as such. Else, what ends in ``.safetensors`` or
-    another suffix, holds a slash or exists is a path.
+    """The file of shipped weights, or of a user's; see `graspmap.files.shipped_or_path`.
 
     Raises:
         UnknownNameError: It is no path, and no shipped weights have this name.
     """
-    path, shipped = Path(name_or_path), shipped_weights()
-    if str(name_or_path) in shipped:
-        return shipped[str(name_or_path)]
-    if path.suffix or len(path.parts) != 1 or path.exists():
-        return path
-    raise UnknownNameError("weights", str(name_or_path), [*shipped, f"or a {SUFFIX} file"])
+    return shipped_or_path(name_or_path, shipped_weights(), what="weights", own=f"a {SUFFIX} file")
 
 
 def default_weights(*, has_rgb: bool = True, has_depth: bool = True) -> Path:

@@ -12,7 +12,7 @@ from typing import Annotated
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from graspmap.config import read_model
-from graspmap.errors import UnknownNameError
+from graspmap.files import shipped_or_path
 
 SHIPPED = {name: Path(__file__).with_name(f"{name}.yaml") for name in ("default", "plain")}
 """Files that ship, by the name that `load_randomisation` takes."""
@@ -285,10 +285,7 @@ def load_randomisation(name_or_path: str | Path = "default") -> Randomisation:
         FileFormatError: The file is no YAML mapping.
         ConfigError: A key or a value is wrong; the error says what is allowed.
     """
-    path = SHIPPED.get(str(name_or_path), Path(name_or_path))
-    is_name = isinstance(name_or_path, str) and len(path.parts) < 2 and not path.suffix
-    if is_name and not path.exists():
-        raise UnknownNameError("randomisation", str(name_or_path), [*SHIPPED, "or a YAML file"])
+    path = shipped_or_path(name_or_path, SHIPPED, what="randomisation", own="a YAML file")
     return read_model(
         path, Randomisation, what="randomisation", example=f"one of {', '.join(SHIPPED)}"
     )
