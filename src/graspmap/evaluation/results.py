@@ -7,7 +7,7 @@ import io
 import json
 import math
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -104,8 +104,7 @@ class Evaluation:
 
     def right(self) -> NDArray[np.bool_]:
         """(S, T) whether the best grasp of each scene is right, at each threshold of the score."""
-        overlaps = check_values([result.iou for result in self.results])
-        return count_right(overlaps, tuple(self.score.success), rule=self.protocol.rule) > 0
+        return self._right_at(tuple(self.score.success)) > 0
 
     def rows(self, outcomes: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
         """One flat row a scene: pixels and radians as in `Grasps`, None without a grasp.
@@ -132,7 +131,7 @@ class Evaluation:
             "data": self.data,
             "scenes": self.scenes,
             "protocol": self.protocol.name,
-            **self._numbers(),
+            **_numbers(self.score),
             "confidence": self.score.confidence,
             "cluster": self.cluster,
             "max_angle_deg": round(math.degrees(MAX_ANGLE), 9),
@@ -147,7 +146,7 @@ class Evaluation:
         everything = {e.protocol.name: e for e in (self, *self.others)}
         published = [name for name in PROTOCOLS if name in everything]
         if len(published) > 1:
-            summary["protocols"] = {name: everything[name]._numbers() for name in published}
+            summary["protocols"] = {name: _numbers(everything[name].score) for name in published}
         quirks = [e for e in self.others if e.protocol.name in QUIRKS]
         if quirks:
             summary["quirks"] = [self._price(quirk) for quirk in quirks]
@@ -156,23 +155,17 @@ class Evaluation:
     def curve(self) -> dict[str, list[float]]:
         """Success at every hundredth of overlap from 0 to 1 (thesis, Fig. 5.6)."""
         thresholds = [i / 100 for i in range(101)]
-        overlaps = check_values([result.iou for result in self.results])
-        right = count_right(overlaps, thresholds, rule=self.protocol.rule)
-        return {"thresholds": thresholds, "success": right.mean(axis=0).tolist()}
+        success = self._right_at(thresholds).mean(axis=0)
+        return {"thresholds": thresholds, "success": success.tolist()}
 
     def groups(self) -> list[Hashable] | None:
         """What each scene hangs together with in the intervals; None: with no other."""
         return object_groups(self.results) if self.cluster == "object" else None
 
-    def _numbers(self) -> dict[str, Any]:
-        score = self.score
-        return {
-            "success": {threshold_key(t): p for t, p in score.success.items()},
-            "interval": {threshold_key(t): list(ends) for t, ends in score.interval.items()},
-            "miou": score.miou,
-            "miou_interval": list(score.miou_interval),
-            "auc": score.auc,
-        }
+    def _right_at(self, thresholds: Sequence[float]) -> Floats:
+        """(S, T) 1 where the best grasp of a scene is right at a threshold, else 0."""
+        overlaps = check_values([result.iou for result in self.results])
+        return count_right(overlaps, thresholds, rule=self.protocol.rule)
 
     def _by_angle(self) -> dict[str, float]:
         """Success at the first threshold by tolerance of the angle, degrees."""
@@ -196,7 +189,7 @@ class Evaluation:
                 groups=self.groups(),
                 rule=self.protocol.rule,
             )
-            part = replace(self, score=score)._numbers()
+            part = _numbers(score)
             ranks[str(k)] = {name: part[name] for name in ("success", "interval")}
         return ranks
 
@@ -280,6 +273,16 @@ def threshold_key(threshold: float) -> str:
     """Name of a threshold in results: two decimals, or as many as it has."""
     short = f"{threshold:.2f}"
     return short if float(short) == threshold else repr(threshold)
+
+
+def _numbers(score: RectangleScore) -> dict[str, Any]:
+    return {
+        "success": {threshold_key(t): p for t, p in score.success.items()},
+        "interval": {threshold_key(t): list(ends) for t, ends in score.interval.items()},
+        "miou": score.miou,
+        "miou_interval": list(score.miou_interval),
+        "auc": score.auc,
+    }
 
 
 def _row(result: SceneResult, right: dict[float, bool]) -> dict[str, Any]:
