@@ -121,13 +121,7 @@ def run(argv: Sequence[str]) -> int:
     from graspmap.data import KINDS
     from graspmap.evaluation.cards import data_hash
 
-    chosen = select(
-        flags.data,
-        depth=flags.depth,
-        split=flags.split,
-        weights=flags.weights,
-        device=flags.device,
-    )
+    chosen = select(flags)
     predictions = None if flags.predictions is None else _predictions(flags.predictions)
     result = _measure(flags, chosen, predictions)
     tell_rectangles(flags, result)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from graspmap.cli.frame import teller
 from graspmap.cli.progress import progress
 from graspmap.cli.selection import Selection
+from graspmap.cli.trial_flags import detect_to_try
 
 if TYPE_CHECKING:
     from graspmap.cli.evaluate import Evaluate
@@ -73,33 +74,19 @@ def try_in_physics(
     flags: Evaluate, chosen: Selection, source: GraspDetector | dict[str, Grasps]
 ) -> Tried:
     """The same scenes in physics: what a detector finds, or finished grasps by scene."""
-    from graspmap.data import read_scenes
-    from graspmap.evaluation import file_predictions, predict_scenes, try_grasps
+    from graspmap.evaluation import file_predictions
     from graspmap.evaluation.sections import calibration_section, trials_section
 
     plan = trial_plan(flags)
     if isinstance(source, dict):
         todo = file_predictions(source, chosen.scenes, chosen.everything.ids)
     else:
-        with progress("detecting what the gripper can open for") as update:
-            todo = predict_scenes(
-                source, chosen.scenes, top=flags.top, gripper=plan.gripper, progress=update
-            )
-    # Exact depth, whatever the network saw: it says where things really are.
-    scenes = read_scenes(flags.data, depth=flags.trial.trial_depth).subset(chosen.scenes.ids)
+        todo = detect_to_try(source, chosen.scenes, plan)
+    scenes = flags.trial.scenes(flags.data, chosen.scenes.ids)
     own = source is chosen.detector or isinstance(source, dict)
     start = time.perf_counter()
-    with progress("trying grasps, scenes", per_hour="scenes") as update:
-        trials = try_grasps(
-            todo.grasps,
-            scenes,
-            plan,
-            skipped=todo.skipped,
-            cluster=flags.cluster,
-            workers=flags.trial.processes,
-            folder=flags.out if own else None,
-            progress=update,
-        )
+    folder = flags.out if own else None
+    trials = flags.trial.attempt(todo, scenes, plan, cluster=flags.cluster, folder=folder)
     sections = {"trials": trials_section(trials, scenes, time.perf_counter() - start)}
     _tell_trials(flags, sections["trials"])
     # Nobody else's quality is meant to be a probability.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from graspmap.errors import FileError
 
@@ -15,6 +15,34 @@ if TYPE_CHECKING:
     from graspmap.inference import Detector
 
 _LOG = logging.getLogger(__name__)
+
+
+class SelectionFlags(Protocol):
+    """Flags that say what a command looks at."""
+
+    @property
+    def data(self) -> str:
+        """``kind:directory``."""
+
+    @property
+    def depth(self) -> str | None:
+        """Which depth; None: the one that the detector was trained on, else the default."""
+
+    @property
+    def split(self) -> str | None:
+        """Which part of the data; None: all scenes.
+
+        ``NAME`` of a part of the split.json beside the weights, else of the one in the data's
+        folder, or ``FILE.json:NAME``.
+        """
+
+    @property
+    def weights(self) -> Path | None:
+        """Weights that are measured, if any: a file, or the name of shipped ones."""
+
+    @property
+    def device(self) -> str:
+        """Where their network runs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,23 +66,8 @@ class Selection:
     detector: Detector | None
 
 
-def select(
-    data: str,
-    *,
-    depth: str | None,
-    split: str | None,
-    weights: Path | None = None,
-    device: str = "cpu",
-) -> Selection:
+def select(flags: SelectionFlags) -> Selection:
     """Open a data set, or a part of it, and the weights that are measured on it.
-
-    Args:
-        data: ``kind:directory``.
-        depth: Which depth; None: the one that the detector was trained on, else the default.
-        split: ``NAME`` of a part of the split.json beside the weights, else of the one in the
-            data's folder, or ``FILE.json:NAME``; None: all scenes.
-        weights: Weights that are measured, if any: a file, or the name of shipped ones.
-        device: Where its network runs.
 
     Raises:
         FileError: Data, weights or split are missing, damaged, or do not belong together.
@@ -62,19 +75,19 @@ def select(
     """
     from graspmap.data import KINDS, read_scenes
 
-    everything = read_scenes(data, depth=depth)
-    detector = None
+    depth, weights, detector = flags.depth, flags.weights, None
+    everything = read_scenes(flags.data, depth=depth)
     if weights is not None:
         from graspmap.inference import Detector, weights_path
 
         weights = weights_path(weights)
-        detector = Detector.load(weights, device=device)
+        detector = Detector.load(weights, device=flags.device)
     if depth is None and detector is not None and detector.card.data is not None:
         trained = detector.card.data.depth
         if trained in KINDS[everything.kind].depths:
             _LOG.info("%s depth, as in the training; --depth takes another", trained)
-            depth, everything = trained, read_scenes(data, depth=trained)
-    chosen, part = _split(split, weights, everything)
+            depth, everything = trained, read_scenes(flags.data, depth=trained)
+    chosen, part = _split(flags.split, weights, everything)
     scenes = everything if chosen is None else chosen.subset(everything, part)
     return Selection(everything, scenes, chosen, part, depth, detector)
 

@@ -13,7 +13,7 @@ import tyro
 from graspmap.cli.frame import option, output_file, output_folder, parse, teller, write_json
 from graspmap.cli.progress import progress
 from graspmap.cli.selection import Selection, select
-from graspmap.cli.trial_flags import TrialFlags
+from graspmap.cli.trial_flags import TrialFlags, detect_to_try
 from graspmap.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -88,15 +88,14 @@ def run(argv: Sequence[str]) -> int:
         seed=flags.seed,
         labels=flags.labels,
     )
-    chosen, todo = _grasps(flags, plan)
-    from graspmap.data import read_scenes
+    chosen = select(flags)
+    todo = _grasps(flags, chosen, plan)
     from graspmap.evaluation import write_trials
 
-    # Exact depth, whatever the network saw: it says where things really are.
-    scenes = read_scenes(flags.data, depth=flags.trial.trial_depth).subset(chosen.scenes.ids)
+    scenes = flags.trial.scenes(flags.data, chosen.scenes.ids)
     if flags.out is not None and flags.weights is not None:
         _write_predictions(flags.out / "predictions.txt", todo, scenes)
-    result = _try(flags, plan, scenes, todo)
+    result = flags.trial.attempt(todo, scenes, plan, cluster=flags.cluster, folder=flags.out)
     summary = result.to_dict() if flags.out is None else write_trials(result, flags.out)
     if chosen.split is not None:
         summary["split"] = {"part": chosen.part, "hash": chosen.split.hash}
@@ -133,59 +132,27 @@ def _check(flags: Trial) -> None:
     output_file(flags.json, "--json", keep=[flags.weights, flags.predictions, flags.trial.camera])
 
 
-def _grasps(flags: Trial, plan: TrialPlan) -> tuple[Selection, GraspsToTry]:
-    """The scenes, and the grasps to try on each."""
-    from graspmap.evaluation import file_predictions, labelled_grasps, predict_scenes
+def _grasps(flags: Trial, chosen: Selection, plan: TrialPlan) -> GraspsToTry:
+    """The grasps to try on each scene."""
+    if chosen.detector is not None:
+        return detect_to_try(chosen.detector, chosen.scenes, plan)
+    from graspmap.evaluation import file_predictions, labelled_grasps
 
-    if flags.weights is None:
-        chosen = select(flags.data, depth=None, split=flags.split)
-        if flags.predictions is None:
-            return chosen, labelled_grasps(chosen.scenes, top=flags.top, seed=flags.seed)
-        from graspmap.data import read_predictions
+    if flags.predictions is None:
+        return labelled_grasps(chosen.scenes, top=flags.top, seed=flags.seed)
+    from graspmap.data import read_predictions
 
-        given = read_predictions(flags.predictions)
-        todo = file_predictions(given, chosen.scenes, chosen.everything.ids)
-        if todo.unknown:
-            _LOG.warning(
-                "%d of %d predictions are for scenes that %s lacks (first %s); they are left out",
-                len(todo.unknown),
-                len(given),
-                flags.data,
-                todo.unknown[0],
-            )
-        return chosen, todo
-    chosen = select(
-        flags.data,
-        depth=flags.depth,
-        split=flags.split,
-        weights=flags.weights,
-        device=flags.device,
-    )
-    assert chosen.detector is not None  # there are weights
-    with progress("detecting") as update:
-        return chosen, predict_scenes(
-            chosen.detector,
-            chosen.scenes,
-            top=flags.top or 1,
-            gripper=plan.gripper,
-            progress=update,
+    given = read_predictions(flags.predictions)
+    todo = file_predictions(given, chosen.scenes, chosen.everything.ids)
+    if todo.unknown:
+        _LOG.warning(
+            "%d of %d predictions are for scenes that %s lacks (first %s); they are left out",
+            len(todo.unknown),
+            len(given),
+            flags.data,
+            todo.unknown[0],
         )
-
-
-def _try(flags: Trial, plan: TrialPlan, scenes: Scenes, todo: GraspsToTry) -> TrialEvaluation:
-    from graspmap.evaluation import try_grasps
-
-    with progress("trying grasps, scenes", per_hour="scenes") as update:
-        return try_grasps(
-            todo.grasps,
-            scenes,
-            plan,
-            skipped=todo.skipped,
-            cluster=flags.cluster,
-            workers=flags.trial.processes,
-            folder=flags.out,
-            progress=update,
-        )
+    return todo
 
 
 def _write_predictions(path: Path, todo: GraspsToTry, scenes: Scenes) -> None:

@@ -1,18 +1,21 @@
-"""The flags that say how grasps are tried, and the plan that they make: shared by the commands."""
+"""The flags that say how grasps are tried, and the trials: shared by the commands."""
 
 from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from graspmap.cli.frame import numbers, option
+from graspmap.cli.progress import progress
 from graspmap.errors import InvalidInputError
 
 if TYPE_CHECKING:
-    from graspmap.evaluation import TrialPlan
+    from graspmap.data import Scenes
+    from graspmap.evaluation import GraspDetector, GraspsToTry, TrialEvaluation, TrialPlan
     from graspmap.simulation.trial import Perturbation
 
 _REPEATS = 10
@@ -88,6 +91,55 @@ class TrialFlags:
             repeats=1 if self.perturb is None else self.repeats or _REPEATS,
             camera=None if self.camera is None else Camera.read(self.camera),
             seed=seed,
+        )
+
+    def scenes(self, data: str, ids: Sequence[str]) -> Scenes:
+        """Scenes with exact depth, whatever a network saw: it says where things really are.
+
+        Args:
+            data: ``kind:directory``.
+            ids: Which of its scenes.
+
+        Raises:
+            FileError: The data are missing or damaged.
+            InvalidInputError: A scene is not among them, or they have no such depth.
+        """
+        from graspmap.data import read_scenes
+
+        return read_scenes(data, depth=self.trial_depth).subset(ids)
+
+    def attempt(
+        self,
+        todo: GraspsToTry,
+        scenes: Scenes,
+        plan: TrialPlan,
+        *,
+        cluster: Literal["scene", "object"],
+        folder: Path | None = None,
+    ) -> TrialEvaluation:
+        """Try grasps in physics; arguments and errors as in `graspmap.evaluation.try_grasps`."""
+        from graspmap.evaluation import try_grasps
+
+        with progress("trying grasps, scenes", per_hour="scenes") as update:
+            return try_grasps(
+                todo.grasps,
+                scenes,
+                plan,
+                skipped=todo.skipped,
+                cluster=cluster,
+                workers=self.processes,
+                folder=folder,
+                progress=update,
+            )
+
+
+def detect_to_try(detector: GraspDetector, scenes: Scenes, plan: TrialPlan) -> GraspsToTry:
+    """The grasps of a detector that a plan tries: those that its gripper can open for."""
+    from graspmap.evaluation import predict_scenes
+
+    with progress("detecting what the gripper can open for") as update:
+        return predict_scenes(
+            detector, scenes, top=plan.top or 1, gripper=plan.gripper, progress=update
         )
 
 

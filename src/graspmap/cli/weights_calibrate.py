@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from graspmap.cli.frame import option, output_file, parse, teller, write_json
-from graspmap.cli.progress import progress
 from graspmap.cli.selection import Selection, select
-from graspmap.cli.trial_flags import TrialFlags
+from graspmap.cli.trial_flags import TrialFlags, detect_to_try
 from graspmap.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -72,13 +71,7 @@ def calibrate(argv: Sequence[str]) -> None:
     from graspmap.evaluation.cards import check_not_trained_on
     from graspmap.inference import Detector, save_weights
 
-    chosen = select(
-        flags.data,
-        depth=flags.depth,
-        split=flags.split,
-        weights=flags.weights,
-        device=flags.device,
-    )
+    chosen = select(flags)
     assert chosen.detector is not None  # there are weights
     card = chosen.detector.card
     check_not_trained_on(card.data, chosen.everything, chosen.split, chosen.part)
@@ -101,26 +94,10 @@ def calibrate(argv: Sequence[str]) -> None:
 
 def _try(flags: Calibrate, chosen: Selection, detector: Detector) -> TrialEvaluation:
     """The best grasps of each scene in physics."""
-    from graspmap.data import read_scenes
-    from graspmap.evaluation import predict_scenes, try_grasps
-
     plan = flags.trial.plan(top=flags.top, seed=flags.seed)
-    with progress("detecting") as update:
-        todo = predict_scenes(
-            detector, chosen.scenes, top=flags.top, gripper=plan.gripper, progress=update
-        )
-    # Exact depth, whatever the network saw: it says where things really are.
-    scenes = read_scenes(flags.data, depth=flags.trial.trial_depth).subset(chosen.scenes.ids)
-    with progress("trying grasps, scenes", per_hour="scenes") as update:
-        return try_grasps(
-            todo.grasps,
-            scenes,
-            plan,
-            skipped=todo.skipped,
-            cluster="object",
-            workers=flags.trial.processes,
-            progress=update,
-        )
+    todo = detect_to_try(detector, chosen.scenes, plan)
+    scenes = flags.trial.scenes(flags.data, chosen.scenes.ids)
+    return flags.trial.attempt(todo, scenes, plan, cluster="object")
 
 
 def _tell(flags: Calibrate, found: CalibrationCard) -> None:
