@@ -5,8 +5,8 @@ Letters in shapes: T trials, B bins, R resamples.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any, Literal, get_args
+from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +22,7 @@ from graspmap.metrics.intervals import (
     wilson_interval,
 )
 from graspmap.metrics.paired import check_shares
+from graspmap.metrics.score import Score
 
 Floats = NDArray[np.float64]
 Binning = Literal["width", "count"]
@@ -55,7 +56,7 @@ class ReliabilityBin:
 
 
 @dataclass(frozen=True)
-class Calibration:
+class Calibration(Score):
     """How far the quality of grasps is from the probability that they hold.
 
     Attributes:
@@ -88,15 +89,6 @@ class Calibration:
     within_bins: float
     confidence: float
     bins: tuple[ReliabilityBin, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        found = asdict(self) | {
-            "ece_interval": list(self.ece_interval),
-            "brier_interval": list(self.brier_interval),
-        }
-        found["bins"] = [b | {"interval": list(b["interval"])} for b in found["bins"]]
-        return found
 
 
 def score_calibration(

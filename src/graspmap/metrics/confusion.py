@@ -6,18 +6,19 @@ Letters in shapes: P pictures, K classes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from graspmap.errors import InvalidInputError
-from graspmap.metrics.intervals import Groups, bootstrap_means, group_numbers, wilson_interval
+from graspmap.metrics.intervals import Groups, share_interval
+from graspmap.metrics.score import Score
 
 
 @dataclass(frozen=True)
-class ClassScore:
+class ClassScore(Score):
     """How often the class was right.
 
     Attributes:
@@ -43,11 +44,6 @@ class ClassScore:
     recall: tuple[float | None, ...]
     precision: tuple[float | None, ...]
 
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        found = {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
-        return found | {"confusion": [list(row) for row in self.confusion]}
-
 
 def score_classes(
     said: ArrayLike,
@@ -71,7 +67,7 @@ def score_classes(
 
     Raises:
         InvalidInputError: No pictures, lists of unequal length, a number that is no class, or
-            what `bootstrap_means` does not allow.
+            what `share_interval` does not allow.
     """
     count = len(classes)
     named, actual = _numbers(said, count, "said classes"), _numbers(true, count, "true classes")
@@ -85,15 +81,11 @@ def score_classes(
         [int(r) / int(t) if t else None for r, t in zip(right, totals, strict=True)]
         for totals in (occurring, answered)
     )
-    hits = (named == actual).astype(np.float64)
-    interval = wilson_interval(int(hits.sum()), len(hits), confidence)
-    if group_numbers(groups, len(hits))[1] < len(hits):
-        ends = bootstrap_means(hits[:, None], rng=rng, groups=groups, confidence=confidence)[0]
-        interval = (float(ends[0]), float(ends[1]))
+    hits = named == actual
     return ClassScore(
         pictures=len(hits),
         accuracy=float(hits.mean()),
-        accuracy_interval=interval,
+        accuracy_interval=share_interval(hits, rng=rng, groups=groups, confidence=confidence),
         majority=float(occurring.max()) / len(hits),
         balanced_accuracy=float(np.mean([r for r in recall if r is not None])),
         classes=tuple(classes),

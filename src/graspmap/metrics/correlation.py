@@ -9,22 +9,22 @@ Letters in shapes: M models.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from statistics import NormalDist
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspmap.errors import InvalidInputError
 from graspmap.metrics.intervals import check_confidence, check_values
+from graspmap.metrics.score import Score
 
 LEAST_MODELS = 4
 """Fewer have no interval: its width goes with 1 / sqrt(M - 3)."""
 
 
 @dataclass(frozen=True)
-class Correlation:
+class Correlation(Score):
     """How two measures go together over models; all None where a measure is the same for all.
 
     Attributes:
@@ -46,12 +46,6 @@ class Correlation:
     spearman_interval: tuple[float, float] | None
     spearman_p: float | None
     confidence: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        ends = (self.pearson_interval, self.spearman_interval)
-        pearson, spearman = (None if pair is None else list(pair) for pair in ends)
-        return asdict(self) | {"pearson_interval": pearson, "spearman_interval": spearman}
 
 
 def correlate(x: ArrayLike, y: ArrayLike, *, confidence: float = 0.95) -> Correlation:
@@ -106,7 +100,7 @@ def correlate(x: ArrayLike, y: ArrayLike, *, confidence: float = 0.95) -> Correl
 
 
 @dataclass(frozen=True)
-class CorrelationGain:
+class CorrelationGain(Score):
     """How much better one measure foretells an outcome than another; None as in `Correlation`.
 
     Attributes:
@@ -124,10 +118,6 @@ class CorrelationGain:
     difference: float | None
     interval: tuple[float, float] | None
     confidence: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self) | {"interval": None if self.interval is None else list(self.interval)}
 
 
 def correlation_gain(

@@ -6,7 +6,7 @@ Letters in shapes: H rows, W columns of a picture; P pictures.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from graspmap.errors import InvalidInputError
 from graspmap.metrics.intervals import Groups, bootstrap_interval
+from graspmap.metrics.score import Score
 
 WITHIN = 1.25
 """A pixel is close where the larger of the two depths is less than this many times the smaller."""
@@ -37,7 +38,7 @@ class DepthErrors:
 
 
 @dataclass(frozen=True)
-class DepthScore:
+class DepthScore(Score):
     """Means of `DepthErrors` over pictures, each with its interval (None from one group alone).
 
     Attributes:
@@ -61,10 +62,6 @@ class DepthScore:
     abs_relative_interval: tuple[float, float] | None
     within_1_25: float
     within_1_25_interval: tuple[float, float] | None
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
 
 
 def depth_errors(

@@ -116,6 +116,31 @@ def bootstrap_means(
     return ends
 
 
+def share_interval(
+    hits: NDArray[np.bool_],
+    *,
+    rng: np.random.Generator,
+    groups: Groups | None = None,
+    confidence: float = 0.95,
+) -> tuple[float, float]:
+    """Interval of a share: Wilson's of independent trials, the bootstrap's of groups of them.
+
+    Args:
+        hits: (S,) which trials count, at least one.
+        rng: Source of the resamples, if any are drawn.
+        groups: S labels of what hangs together; None, or no two the same: each trial alone.
+        confidence: Above 0 and below 1.
+
+    Raises:
+        InvalidInputError: As `bootstrap_interval`.
+    """
+    if group_numbers(groups, len(hits))[1] == len(hits):
+        return wilson_interval(int(hits.sum()), len(hits), confidence)
+    column = hits[:, None].astype(np.float64)
+    low, high = bootstrap_means(column, rng=rng, groups=groups, confidence=confidence)[0].tolist()
+    return low, high
+
+
 def wilson_interval(
     successes: float, trials: float, confidence: float = 0.95
 ) -> tuple[float, float]:

@@ -9,8 +9,7 @@ Letters in shapes: S scenes, G groups of scenes, R resamples.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +24,7 @@ from graspmap.metrics.intervals import (
     group_numbers,
     wilson_interval,
 )
+from graspmap.metrics.score import Score
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ _CHUNK = 1 << 22
 
 
 @dataclass(frozen=True)
-class PairedComparison:
+class PairedComparison(Score):
     """Detector a against detector b on the same scenes.
 
     Attributes:
@@ -70,10 +70,6 @@ class PairedComparison:
     only_b: int | None = None
     mcnemar_exact: float | None = None
     mcnemar_mid_p: float | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self) | {"interval": list(self.interval)}
 
 
 def compare_paired(

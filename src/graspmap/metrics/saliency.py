@@ -6,14 +6,14 @@ Letters in shapes: H rows, W columns of a picture; P pictures; K thresholds.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspmap.errors import InvalidInputError
 from graspmap.metrics.intervals import Groups, bootstrap_means
+from graspmap.metrics.score import Score
 
 Floats = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ class SaliencyMarks:
 
 
 @dataclass(frozen=True, eq=False)
-class SaliencyScore:
+class SaliencyScore(Score):
     """Means over pictures, with intervals.
 
     Attributes:
@@ -76,10 +76,6 @@ class SaliencyScore:
     f_adaptive_interval: tuple[float, float] | None = None
     precision: tuple[float, ...] = ()
     recall: tuple[float, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
 
 
 def saliency_marks(

@@ -9,7 +9,7 @@ Letters in shapes: T seeds, S scenes.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -49,7 +49,7 @@ class SeededComparison:
             "difference": self.difference,
             "interval": list(self.interval),
             "by_seed": list(self.by_seed),
-            "over_scenes": {**asdict(self.scenes), "interval": list(self.scenes.interval)},
+            "over_scenes": self.scenes.to_dict(),
         }
 
 

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from graspmap.errors import InvalidInputError
-from graspmap.metrics.intervals import Groups, bootstrap_means, wilson_interval
+from graspmap.metrics.intervals import Groups, share_interval, wilson_interval
 
 HELD = "held"
 
@@ -105,19 +105,12 @@ def score_trials(
             "trials", f"{len(outcomes)} outcomes, {len(objects)} objects", "one object a trial"
         )
     held = np.array([outcome == HELD for outcome in outcomes])
-    if groups is None or len(set(groups)) == len(held):
-        interval = wilson_interval(int(held.sum()), len(held), confidence)
-    else:
-        ends = bootstrap_means(
-            held[:, None].astype(np.float64), rng=rng, groups=groups, confidence=confidence
-        )
-        interval = (float(ends[0, 0]), float(ends[0, 1]))
     per_object = group_scores(outcomes, objects)
     return TrialScore(
         trials=len(held),
         held=int(held.sum()),
         success=float(held.mean()),
-        interval=interval,
+        interval=share_interval(held, rng=rng, groups=groups, confidence=confidence),
         confidence=confidence,
         object_mean=float(np.mean([score.success for score in per_object.values()])),
         outcomes=dict(Counter(map(str, outcomes)).most_common()),
