@@ -7,25 +7,10 @@ import json
 
 import pytest
 
+from box_mesh import write_box
 from graspmap import cli
 from graspmap.inference import WeightsCard, save_weights
 from graspmap.networks import make_network
-
-BOX = """v 0 0 0
-v 0 0 {z}
-v 0 {y} 0
-v 0 {y} {z}
-v {x} 0 0
-v {x} 0 {z}
-v {x} {y} 0
-v {x} {y} {z}
-f 1 2 4 3
-f 5 7 8 6
-f 1 5 6 2
-f 3 4 8 7
-f 1 3 7 5
-f 2 6 8 4
-"""
 
 
 def run(capsys, *words):
@@ -38,7 +23,7 @@ def run(capsys, *words):
 @pytest.fixture(scope="module")
 def meshes(tmp_path_factory):
     folder = tmp_path_factory.mktemp("meshes")
-    (folder / "B1.obj").write_text(BOX.format(x=100, y=25, z=30))
+    write_box(folder / "B1.obj", (100, 25, 30))
     (folder / "torn.obj").write_text("v 0 0 nan\nv 0 1 0\nv 1 0 0\nf 1 2 3\n")
     return folder
 

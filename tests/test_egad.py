@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from box_mesh import write_box
 from graspmap.errors import DatasetNotFoundError, InvalidInputError, UnknownNameError
 from graspmap.evaluation.egad import DetectorFile, EgadPlan, EgadTry, evaluate_egad, finish
 from graspmap.evaluation.egad import run as run_module
@@ -32,24 +33,13 @@ CLOSE = PLAIN.model_copy(update={"camera": PLAIN.camera.model_copy(update=_DOWN)
 PLAN = EgadPlan(GRIPPER, trials=3, size_px=96, candidates=10, randomisation=CLOSE, depth="perfect")
 
 
-def box(path: Path, sides):
-    """A box as an OBJ file."""
-    corners = [[x, y, z] for x in (0, sides[0]) for y in (0, sides[1]) for z in (0, sides[2])]
-    faces = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]
-    lines = [f"v {x} {y} {z}" for x, y, z in corners] + [
-        f"f {a} {b} {c} {d}" for a, b, c, d in faces
-    ]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join(lines) + "\n")
-
-
 @pytest.fixture(scope="module")
 def meshes(tmp_path_factory) -> Path:
     """Two bars in EGAD's grid and one that is no body."""
     folder = tmp_path_factory.mktemp("meshes")
-    box(folder / "A0.obj", (120, 30, 30))
-    box(folder / "C3.obj", (100, 25, 40))
-    box(folder / "flat.obj", (60, 40, 0))
+    write_box(folder / "A0.obj", (120, 30, 30))
+    write_box(folder / "C3.obj", (100, 25, 40))
+    write_box(folder / "flat.obj", (60, 40, 0))
     return folder
 
 
@@ -247,7 +237,7 @@ def test_a_changed_mesh_or_a_lost_model_is_made_again(meshes, tmp_path, monkeypa
     mine = shutil.copytree(meshes, tmp_path / "mine")
     plan, out = replace(PLAN, trials=1, candidates=0), tmp_path / "out"
     evaluate_egad(mine, Across(), plan, folder=out)
-    box(mine / "A0.obj", (120, 20, 30))
+    write_box(mine / "A0.obj", (120, 20, 30))
     (out / "egad-models" / "models" / "C3.npz").unlink()
     with monkeypatch.context() as patch:
         made = stopped_after(patch, 99)
@@ -342,7 +332,7 @@ def test_no_meshes(tmp_path):
     with pytest.raises(DatasetNotFoundError, match="no mesh") as caught:
         evaluate_egad(tmp_path, Blind(), PLAN)
     assert "procedural" not in str(caught.value)
-    box(tmp_path / "flat.obj", (1, 1, 0))
+    write_box(tmp_path / "flat.obj", (1, 1, 0))
     with pytest.raises(InvalidInputError, match="1, none of which is usable"):
         evaluate_egad(tmp_path, Blind(), PLAN)
     with pytest.raises(InvalidInputError, match="workers"):

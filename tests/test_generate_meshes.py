@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import graspmap.generation.item as item_module
+from box_mesh import write_box
 from graspmap.data import read_scenes
 from graspmap.errors import DatasetNotFoundError, FileError, InvalidInputError
 from graspmap.generation import generate
@@ -35,25 +36,14 @@ def snapshot(root: Path) -> dict[str, bytes]:
     }
 
 
-def box(path, sides):
-    """A box as an OBJ file; with one side 0 it is flat."""
-    corners = [[x, y, z] for x in (0, sides[0]) for y in (0, sides[1]) for z in (0, sides[2])]
-    faces = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]
-    lines = [f"v {x} {y} {z}" for x, y, z in corners] + [
-        f"f {a} {b} {c} {d}" for a, b, c, d in faces
-    ]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join(lines) + "\n")
-
-
 @pytest.fixture(scope="module")
 def meshes(tmp_path_factory) -> Path:
     """Two good boxes among meshes of every bad kind."""
     folder = tmp_path_factory.mktemp("meshes")
-    box(folder / "good" / "brick.obj", (0.06, 0.04, 0.03))
-    box(folder / "good" / "bar one.obj", (0.12, 0.02, 0.02))
-    box(folder / "bad" / "flat.obj", (0.06, 0.04, 0))
-    box(folder / "bad" / "house.obj", (1.9, 1.8, 1.2))
+    write_box(folder / "good" / "brick.obj", (0.06, 0.04, 0.03))
+    write_box(folder / "good" / "bar one.obj", (0.12, 0.02, 0.02))
+    write_box(folder / "bad" / "flat.obj", (0.06, 0.04, 0))
+    write_box(folder / "bad" / "house.obj", (1.9, 1.8, 1.2))
     (folder / "bad" / "empty.obj").write_bytes(b"")
     (folder / "bad" / "nan.obj").write_text("v 0 0 nan\nv 0 1 0\nv 1 0 0\nf 1 2 3\n")
     (folder / "bad" / "noise.stl").write_bytes(bytes(range(256)) * 3)
@@ -97,7 +87,7 @@ def test_a_changed_mesh_is_another_plan(meshes, tmp_path):
     before = snapshot(tmp_path / "a")
     generate(plan, tmp_path / "a", workers=0)
     assert snapshot(tmp_path / "a") == before
-    box(folder / "brick.obj", (0.06, 0.04, 0.02))
+    write_box(folder / "brick.obj", (0.06, 0.04, 0.02))
     with pytest.raises(FileError, match=r"meshes\.brick\.obj"):
         generate(plan, tmp_path / "a", workers=0)
 
