@@ -90,7 +90,7 @@ class JacquardFiles:
     record: Path | None
 
 
-_SUFFIX = {
+SUFFIXES = {
     "rgb": "_RGB.png",
     "mask": "_mask.png",
     "perfect_depth": "_perfect_depth.tiff",
@@ -100,6 +100,7 @@ _SUFFIX = {
     "camera": "_camera.json",
     "record": "_scene.json",
 }
+"""How the names of a scene's files end, by attribute of `JacquardFiles`."""
 
 
 class JacquardScenes(Scenes):
@@ -277,7 +278,7 @@ def write_jacquard(
         "camera": _camera_text(scene),
     }
     folder = Path(root) / _object(name) if nested else Path(root)
-    path = {part: folder / f"{name}{suffix}" for part, suffix in _SUFFIX.items()}
+    path = {part: folder / f"{name}{suffix}" for part, suffix in SUFFIXES.items()}
     if scene.mask is not None:
         files.write_mask(path["mask"], scene.mask)
     for part, depth in (("perfect_depth", scene.depth), ("stereo_depth", stereo_depth)):
@@ -362,14 +363,14 @@ def _find(root: Path) -> dict[str, JacquardFiles]:
     found: dict[str, JacquardFiles] = {}
     for folder, name, siblings in _names(root):
         paths = {
-            part.name: folder / f"{name}{_SUFFIX[part.name]}"
-            if f"{name}{_SUFFIX[part.name]}" in siblings
+            part.name: folder / f"{name}{SUFFIXES[part.name]}"
+            if f"{name}{SUFFIXES[part.name]}" in siblings
             else None
             for part in fields(JacquardFiles)
         }
         if name in found:
             raise FileFormatError(
-                folder / f"{name}{_SUFFIX['rgb']}",
+                folder / f"{name}{SUFFIXES['rgb']}",
                 f"scene {name} is also in {found[name].rgb.parent}",
                 "keep one of them",
             )
@@ -392,8 +393,8 @@ def _names(root: Path) -> Iterator[tuple[Path, str, frozenset[str]]]:
         subfolders[:] = sorted(name for name in subfolders if not name.startswith("."))
         siblings = frozenset(names)
         for name in sorted(names):
-            if name.endswith(_SUFFIX["rgb"]) and not name.startswith("."):
-                yield Path(folder), name.removesuffix(_SUFFIX["rgb"]), siblings
+            if name.endswith(SUFFIXES["rgb"]) and not name.startswith("."):
+                yield Path(folder), name.removesuffix(SUFFIXES["rgb"]), siblings
 
 
 def _object(name: str) -> str:

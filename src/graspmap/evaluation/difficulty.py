@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from graspmap.data.jacquard import SUFFIXES
 from graspmap.data.jacquard_labels import read_negatives
 from graspmap.data.scene import Scenes
 from graspmap.generation.scene_file import find_record
@@ -64,7 +65,7 @@ def rank_by_difficulty(scenes: Scenes, ids: Sequence[str]) -> Difficulty | None:
 def _share_held(scenes: Scenes, index: int) -> float | None:
     """Share of the candidates of a scene that held; None where they are not known."""
     files = scenes.files(index)
-    failed = [path for path in files if path.name.endswith("_negatives.txt")]
+    failed = [path for path in files if path.name.endswith(SUFFIXES["negatives"])]
     if find_record(files) is None or not failed:
         return None
     held, failures = scenes.read_grasps(index), read_negatives(failed[0])[0]

@@ -18,6 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
+from graspmap.data.jacquard import SUFFIXES
 from graspmap.errors import FileFormatError, InvalidInputError
 from graspmap.files import read_text, write_text
 from graspmap.generation.sources import Fingerprint, Source
@@ -29,9 +30,7 @@ from graspmap.simulation.render import Appearance, View
 from graspmap.simulation.settings import TrialSettings
 from graspmap.simulation.tabletop import PlacedObject, Tabletop
 
-SUFFIX = "_scene.json"
 _REMEDY = "make the scene again, or copy the file again"
-_RGB = "_RGB.png"
 _MADE_FROM = {"procedural": ("seed", "index"), "mesh": ("hash",)}
 """What tells objects apart, by the kind of their source."""
 _LIBRARIES = ("graspmap", "mujoco", "manifold3d", "numba", "numpy")
@@ -145,7 +144,7 @@ def write_record(record: SceneRecord, folder: Path) -> Path:
         appearance=TypeAdapter(Appearance).dump_python(record.appearance, mode="json"),
         versions=dict(record.versions),
     )
-    path = folder / f"{record.id}{SUFFIX}"
+    path = folder / f"{record.id}{SUFFIXES['record']}"
     write_text(path, json.dumps(file.model_dump(mode="json"), indent=1) + "\n")
     return path
 
@@ -209,8 +208,9 @@ def read_object_keys(path: Path) -> frozenset[tuple[str, ...]]:
 def find_record(files: Iterable[Path]) -> Path | None:
     """The record of a scene that graspmap generated, from the scene's files; None without one."""
     for path in files:
-        if path.name.endswith(_RGB):
-            record = path.with_name(path.name.removesuffix(_RGB) + SUFFIX)
+        if path.name.endswith(SUFFIXES["rgb"]):
+            name = path.name.removesuffix(SUFFIXES["rgb"])
+            record = path.with_name(name + SUFFIXES["record"])
             return record if record.is_file() else None
     return None
 
