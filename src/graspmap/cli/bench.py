@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from graspmap.cli.frame import option, output_file, parse, teller, write_json
+from graspmap.cli.frame import at_least, option, output_file, parse, teller, write_json
 from graspmap.errors import InvalidInputError, UnknownNameError
 
 if TYPE_CHECKING:
@@ -62,9 +62,7 @@ class Bench:
 def run(argv: Sequence[str]) -> int:
     """Run ``graspmap bench``."""
     flags = parse(Bench, argv, "graspmap bench")
-    for name, value in (("--top", flags.top), ("--repeats", flags.repeats)):
-        if value < 1:
-            raise InvalidInputError(name, value, "1 or more")
+    at_least(1, top=flags.top, repeats=flags.repeats)
     if not flags.seconds > 0:
         raise InvalidInputError("--seconds", flags.seconds, "above 0")
     if flags.data is not None and flags.size is not None:

@@ -21,6 +21,7 @@ from graspmap.cli.evaluate_sections import (
 )
 from graspmap.cli.frame import (
     UsageError,
+    at_least,
     option,
     output_file,
     output_folder,
@@ -155,9 +156,8 @@ def _check(flags: Evaluate) -> None:
     if flags.out is not None:
         output_folder(flags.out, "--out")
     output_file(flags.json, "--json", keep=[flags.weights, flags.predictions])
-    for name, value, least in (("--seed", flags.seed, 0), ("--top", flags.top, 1)):
-        if value < least:
-            raise InvalidInputError(name, value, f"{least} or more")
+    at_least(0, seed=flags.seed)
+    at_least(1, top=flags.top)
     for name, given in (("--speed", flags.speed), ("--device", flags.device != "cpu")):
         if given and flags.weights is None:
             raise InvalidInputError(name, "given", "only with --weights")

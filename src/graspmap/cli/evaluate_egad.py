@@ -9,15 +9,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from graspmap.cli.frame import option, output_file, output_folder, parse, teller, write_json
+from graspmap.cli.frame import (
+    at_least,
+    option,
+    output_file,
+    output_folder,
+    parse,
+    teller,
+    write_json,
+)
 from graspmap.cli.progress import progress
+from graspmap.cli.trial_flags import REPEATS, check_repeats, read_perturbation
 from graspmap.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from graspmap.evaluation.egad import EgadPlan
     from graspmap.simulation.render import Randomisation
 
-_REPEATS = 10
 _DISTANCES = (0.95, 1.05)
 """Of what --distance says: cameras vary a little."""
 _WORST = 5
@@ -72,7 +80,7 @@ class EvaluateEgad:
     perturb: Annotated[str | None, option("MM,DEG[,FRICTION,MASS]", "default: none")] = None
     """Standard deviations of the grasp's place (mm), its angle (degrees), and, relative, of
     friction and mass: 2,2,0.1,0.1. Gives the robust success as well."""
-    repeats: Annotated[int | None, option("N", f"default: {_REPEATS}")] = None
+    repeats: Annotated[int | None, option("N", f"default: {REPEATS}")] = None
     """Perturbed repeats of each grasp."""
     seed: Annotated[int, option("S", "default: 0")] = 0
     """Seed of everything random; a try follows from it, its mesh and its number."""
@@ -129,26 +137,14 @@ def run(argv: Sequence[str]) -> int:
 
 
 def _check(flags: EvaluateEgad) -> None:
-    for name, value, least in (
-        ("--trials", flags.trials, 1),
-        ("--top", flags.top, 1),
-        ("--candidates", flags.candidates, 0),
-        ("--seed", flags.seed, 0),
-        ("--workers", flags.workers, 0),
-        ("--repeats", flags.repeats, 1),
-    ):
-        if value is not None and value < least:
-            raise InvalidInputError(name, value, f"{least} or more")
+    at_least(1, trials=flags.trials, top=flags.top)
+    at_least(0, candidates=flags.candidates, seed=flags.seed, workers=flags.workers)
+    check_repeats(flags.repeats, flags.perturb)
     if flags.distance is not None and not 0.05 <= flags.distance <= 5:
         raise InvalidInputError("--distance", flags.distance, "0.05 to 5 metres")
-    if flags.repeats is not None and flags.perturb is None:
-        raise InvalidInputError(
-            "--repeats", flags.repeats, "only with --perturb: repeats are all the same without"
-        )
 
 
 def _plan(flags: EvaluateEgad) -> EgadPlan:
-    from graspmap.cli.trial_flags import read_perturbation
     from graspmap.evaluation.egad import EgadPlan
     from graspmap.gripper import load_gripper
     from graspmap.simulation.trial import Shake, TrialSettings
@@ -163,7 +159,7 @@ def _plan(flags: EvaluateEgad) -> EgadPlan:
         randomisation=_randomisation(flags),
         settings=TrialSettings(shake=Shake()) if flags.shake else TrialSettings(),
         perturbation=None if flags.perturb is None else read_perturbation(flags.perturb),
-        repeats=1 if flags.perturb is None else flags.repeats or _REPEATS,
+        repeats=1 if flags.perturb is None else flags.repeats or REPEATS,
         seed=flags.seed,
     )
 

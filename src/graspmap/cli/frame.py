@@ -163,6 +163,21 @@ def numbers(text: str, names: str, flag: str) -> tuple[float, ...]:
     return values
 
 
+def at_least(least: int, **flags: int | None) -> None:
+    """Refuse numbers that are too small, before any work.
+
+    Args:
+        least: The least that is allowed.
+        flags: Their values by name, as in ``workers=2``; None where one was not given.
+
+    Raises:
+        InvalidInputError: One is less; the error names its flag.
+    """
+    for name, value in flags.items():
+        if value is not None and value < least:
+            raise InvalidInputError(f"--{name}", value, f"{least} or more")
+
+
 def output_file(
     path: Path | None,
     flag: str,

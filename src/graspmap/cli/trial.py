@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from graspmap.cli.frame import option, output_file, output_folder, parse, teller, write_json
+from graspmap.cli.frame import (
+    at_least,
+    option,
+    output_file,
+    output_folder,
+    parse,
+    teller,
+    write_json,
+)
 from graspmap.cli.progress import progress
 from graspmap.cli.selection import Selection, select
 from graspmap.cli.trial_flags import TrialFlags, detect_to_try
@@ -119,12 +127,8 @@ def _check(flags: Trial) -> None:
             flags.depth,
             "only with --weights: it is what the network sees; see --trial-depth",
         )
-    for name, value, least in (
-        ("--seed", flags.seed, 0),
-        ("--top", flags.top, 1),
-    ):
-        if value is not None and value < least:
-            raise InvalidInputError(name, value, f"{least} or more")
+    at_least(0, seed=flags.seed)
+    at_least(1, top=flags.top)
     flags.trial.check()
     for folder, flag in ((flags.out, "--out"), (flags.animate, "--animate")):
         if folder is not None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from graspmap.cli.frame import numbers, option
+from graspmap.cli.frame import at_least, numbers, option
 from graspmap.cli.progress import progress
 from graspmap.errors import InvalidInputError
 
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from graspmap.evaluation import GraspDetector, GraspsToTry, TrialEvaluation, TrialPlan
     from graspmap.simulation.trial import Perturbation
 
-_REPEATS = 10
+REPEATS = 10
+"""Perturbed repeats of a grasp where nothing else is asked for."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class TrialFlags:
     perturb: Annotated[str | None, option("MM,DEG[,FRICTION,MASS]", "default: none")] = None
     """Standard deviations of the grasp's place (mm), its angle (degrees), and, relative, of
     friction and mass: 2,2,0.1,0.1. Gives the robust success as well."""
-    repeats: Annotated[int | None, option("N", f"default: {_REPEATS}")] = None
+    repeats: Annotated[int | None, option("N", f"default: {REPEATS}")] = None
     """Perturbed repeats of each grasp."""
     workers: Annotated[int, option("N", "default: number of cores")] = 0
     """Processes; the result does not depend on it."""
@@ -55,13 +56,8 @@ class TrialFlags:
         Raises:
             InvalidInputError: A number is out of range, or a flag needs another.
         """
-        for name, value, least in (("--repeats", self.repeats, 1), ("--workers", self.workers, 0)):
-            if value is not None and value < least:
-                raise InvalidInputError(name, value, f"{least} or more")
-        if self.repeats is not None and self.perturb is None:
-            raise InvalidInputError(
-                "--repeats", self.repeats, "only with --perturb: repeats are all the same without"
-            )
+        at_least(0, workers=self.workers)
+        check_repeats(self.repeats, self.perturb)
 
     def plan(self, *, top: int | None, seed: int, labels: bool = False) -> TrialPlan:
         """The plan of the trials.
@@ -88,7 +84,7 @@ class TrialFlags:
             distinct=labels,
             shake=Shake() if self.shake else None,
             perturbation=None if self.perturb is None else read_perturbation(self.perturb),
-            repeats=1 if self.perturb is None else self.repeats or _REPEATS,
+            repeats=1 if self.perturb is None else self.repeats or REPEATS,
             camera=None if self.camera is None else Camera.read(self.camera),
             seed=seed,
         )
@@ -155,6 +151,19 @@ def _jaw(text: str) -> Literal["nearest", "given"] | float:
     if not 0 < size_m <= 1:
         raise InvalidInputError("--jaw", repr(text), "nearest, given, or millimetres above 0")
     return size_m
+
+
+def check_repeats(repeats: int | None, perturb: str | None) -> None:
+    """Refuse ``--repeats`` that repeat nothing.
+
+    Raises:
+        InvalidInputError: There is less than one, or no ``--perturb`` beside it.
+    """
+    at_least(1, repeats=repeats)
+    if repeats is not None and perturb is None:
+        raise InvalidInputError(
+            "--repeats", repeats, "only with --perturb: repeats are all the same without"
+        )
 
 
 def read_perturbation(text: str) -> Perturbation:

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from graspmap.cli.frame import option, output_file, parse, teller, write_json
+from graspmap.cli.frame import at_least, option, output_file, parse, teller, write_json
 from graspmap.cli.selection import Selection, select
 from graspmap.cli.trial_flags import TrialFlags, detect_to_try
-from graspmap.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from graspmap.evaluation import TrialEvaluation
@@ -61,9 +60,8 @@ class Calibrate:
 def calibrate(argv: Sequence[str]) -> None:
     """Run ``graspmap weights calibrate``."""
     flags = parse(Calibrate, argv, "graspmap weights calibrate")
-    for name, value, least in (("--seed", flags.seed, 0), ("--top", flags.top, 1)):
-        if value < least:
-            raise InvalidInputError(name, value, f"{least} or more")
+    at_least(0, seed=flags.seed)
+    at_least(1, top=flags.top)
     flags.trial.check()
     output_file(flags.out, "--out", (".safetensors",), keep=[flags.weights])
     output_file(flags.json, "--json", keep=[flags.weights, flags.out])
