@@ -228,6 +228,18 @@ def test_evaluate_weights_and_baseline(capsys, weights, scenes, tmp_path):
     assert "always the centre" in out
 
 
+def test_evaluate_reports_on_oblong_pictures_without_a_predictions_file(capsys, weights, tmp_path):
+    depth = np.full((48, 64), 0.5, np.float32)
+    rgb, labels = np.zeros((48, 64, 3), np.uint8), Grasps([[30, 30]], [0.3], [20], [8])
+    write_jacquard(Scene("0_thing", rgb, depth, None, labels), tmp_path / "data")
+    words = ("evaluate", "--data", f"jacquard:{tmp_path / 'data'}", "--weights", weights)
+    code, _, told = run(capsys, *words, "--out", tmp_path / "e")
+    assert code == 0
+    assert "predictions.txt is not written: " in told
+    assert (tmp_path / "e" / "report.html").is_file()
+    assert not (tmp_path / "e" / "predictions.txt").exists()
+
+
 def test_evaluate_predictions_that_are_the_labels(capsys, scenes, tmp_path):
     labels = Grasps([[30, 30]], [0.3], [20], [8])
     file = tmp_path / "p.txt"

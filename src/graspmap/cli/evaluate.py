@@ -29,13 +29,13 @@ from graspmap.cli.frame import (
     teller,
     write_json,
 )
+from graspmap.cli.predictions_file import write_found
 from graspmap.cli.progress import progress
 from graspmap.cli.selection import Selection, select
 from graspmap.cli.trial_flags import TrialFlags
 from graspmap.errors import InvalidInputError
 
 if TYPE_CHECKING:
-    from graspmap.data import Scenes
     from graspmap.evaluation import Evaluation
     from graspmap.geometry import Grasps
     from graspmap.metrics import RectangleProtocol
@@ -241,7 +241,8 @@ def _write(
 
     trials = None if tried is None else tried.trials
     if chosen.detector is not None:
-        _write_predictions(flags.out / "predictions.txt", result, chosen.scenes)
+        found = {scene.id: scene.grasp for scene in result.results}
+        write_found(flags.out / "predictions.txt", found, chosen.scenes)
     if trials is not None:
         write_trials(trials, flags.out)
     outcomes = None if trials is None else outcomes_by_scene(trials)
@@ -261,12 +262,3 @@ def _write(
     report = write_report(flags.out, summary, gallery)
     teller(flags.json)(f"  see {report}")
     return summary
-
-
-def _write_predictions(path: Path, result: Evaluation, scenes: Scenes) -> None:
-    """What the detector said, in the format that ``--predictions`` and Jacquard's server take."""
-    from graspmap.data import write_predictions
-    from graspmap.data.jacquard import JACQUARD_SIDE_PX
-    from graspmap.evaluation import to_predictions
-
-    write_predictions(path, to_predictions(result, scenes), size_px=JACQUARD_SIDE_PX)

@@ -19,6 +19,7 @@ from graspmap.cli.frame import (
     teller,
     write_json,
 )
+from graspmap.cli.predictions_file import write_found
 from graspmap.cli.progress import progress
 from graspmap.cli.selection import Selection, select
 from graspmap.cli.trial_flags import TrialFlags, detect_to_try
@@ -102,7 +103,7 @@ def run(argv: Sequence[str]) -> int:
 
     scenes = flags.trial.scenes(flags.data, chosen.scenes.ids)
     if flags.out is not None and flags.weights is not None:
-        _write_predictions(flags.out / "predictions.txt", todo, scenes)
+        write_found(flags.out / "predictions.txt", todo.grasps, scenes)
     result = flags.trial.attempt(todo, scenes, plan, cluster=flags.cluster, folder=flags.out)
     summary = result.to_dict() if flags.out is None else write_trials(result, flags.out)
     if chosen.split is not None:
@@ -157,20 +158,6 @@ def _grasps(flags: Trial, chosen: Selection, plan: TrialPlan) -> GraspsToTry:
             todo.unknown[0],
         )
     return todo
-
-
-def _write_predictions(path: Path, todo: GraspsToTry, scenes: Scenes) -> None:
-    """What the detector said, in the format that ``--predictions`` and Jacquard's server take."""
-    from graspmap.data import write_predictions
-    from graspmap.data.jacquard import JACQUARD_SIDE_PX
-    from graspmap.evaluation import in_file_frame
-
-    try:
-        found = in_file_frame(todo.grasps, scenes)
-    except InvalidInputError as error:  # the format knows square pictures only
-        _LOG.warning("%s is not written: %s", path, error)
-        return
-    write_predictions(path, found, size_px=JACQUARD_SIDE_PX)
 
 
 def _tell(flags: Trial, result: TrialEvaluation) -> None:
