@@ -18,7 +18,7 @@ $(STAMP): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
 	touch $(STAMP)
 
-demo: install    ## generate data, train, detect on unseen objects, try the grasps in physics
+demo: install    ## detect on the scenes that ship, try the grasps in physics
 	$(BIN)/graspmap demo --out demo
 
 test: install    ## run the tests (two workers)

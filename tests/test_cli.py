@@ -133,8 +133,8 @@ def test_help_needs_no_library():
         (["weights", "import", "ggcnn", "nowhere.pt", "o.safetensors"], "nowhere.pt"),
         (["weights", "import", "ggcnn", "f", "o.pt"], ".safetensors"),
         (["weights", "import", "ggcnn", "f", "o.safetensors", "--view", "0"], "--view"),
-        (["demo", "--epochs", "0"], "--epochs"),
-        (["demo", "--scenes", "3"], "--scenes"),
+        (["demo", "--top", "0"], "--top"),
+        (["demo", "--depth", "noisy"], "perfect"),
     ],
 )
 def test_mistakes_get_one_line(capsys, monkeypatch, tmp_path, words, part):
@@ -420,28 +420,6 @@ def test_json_has_only_what_json_knows():
         "b": [1.0, None],
         "c": [None, None, True],
     }
-
-
-def test_demo_end_to_end(capsys, monkeypatch, tmp_path):
-    """A demo in small: the whole path, then a second call that only has to show the result."""
-    from graspmap.cli import demo
-
-    monkeypatch.setattr(demo, "_SIDE", 64)
-    monkeypatch.setattr(demo, "_INPUT", 64)
-    monkeypatch.setattr(demo, "_CANDIDATES", 20)
-    words = ("demo", "--out", tmp_path / "d", "--epochs", 1, "--scenes", 20, "--json", "-")
-    code, out, err = run(capsys, *words)
-    summary = json.loads(out)
-    assert code == 0
-    assert summary["scenes"] >= 3
-    assert summary["trial"]["trials"] == summary["scenes"]
-    assert "trial success" in err
-    assert cv2.imread(summary["picture"]) is not None
-    page = (tmp_path / "d" / "index.html").read_text()
-    assert "data:image/png;base64," in page
-    assert "http" not in page
-    again = json.loads(run(capsys, *words)[1])
-    assert again["success"] == summary["success"]
 
 
 def test_detect_names_the_file_that_holds_nothing(capsys, weights, pictures, tmp_path):

@@ -27,7 +27,7 @@ from graspmap.errors import GraspmapError, UnknownNameError
 __all__ = ["main"]
 
 COMMANDS = {
-    "demo": "generate data, train, detect on unseen objects, try the grasps: in a few minutes",
+    "demo": "detect on the scenes that ship, try the grasps in physics: in half a minute",
     "gripper": "show a gripper's profile to scale, or start one of your own",
     "generate": "make labelled scenes for a gripper: pictures, and grasps tried in physics",
     "train": "train a network as an experiment file says",
@@ -140,7 +140,8 @@ def _overview() -> str:
         "usage: graspmap COMMAND [options]\n\n"
         f"commands:\n{lines}\n\n"
         "graspmap COMMAND --help explains one of them with an example; --version prints the "
-        "version.\nData sets are named KIND:DIR, for example cornell:~/data/cornell.\n\n"
+        "version.\nData sets are named KIND:DIR, for example cornell:~/data/cornell; examples "
+        "are the scenes that ship.\n\n"
         "Start with:  graspmap demo --out demo"
     )
 

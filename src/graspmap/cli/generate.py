@@ -55,7 +55,8 @@ class Generate:
     it was, and ends with the same bytes. More --scenes in the same folder add scenes.
 
     A recipe is a YAML file that says all of this for several parts (training, test, ...) that share
-    no object; graspmap-v1 is the benchmark of the project. Part P becomes the data set DIR/P.
+    no object; graspmap-v1 is the benchmark of the project, graspmap-examples made the scenes that
+    ship. Part P becomes the data set DIR/P.
     """
 
     out: Annotated[Path, option("DIR", "needed")]

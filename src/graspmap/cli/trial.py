@@ -41,7 +41,7 @@ class Trial:
 
     Examples:
       graspmap trial --data jacquard:DIR --predictions predictions.txt --json trial.json
-      graspmap trial --data jacquard:demo/scenes --weights demo/run/weights.safetensors --split test
+      graspmap trial --data examples --weights W --top 3 --animate films
       graspmap trial --data jacquard:DIR --labels --top 20 --gripper franka --animate films
       graspmap trial --data jacquard:DIR --weights W --top 5 --shake --perturb 2,2 --out report
 

@@ -82,7 +82,7 @@ def list_(argv: Sequence[str]) -> None:
     cards = {name: read_card(path) for name, path in shipped_weights().items()}
     tell = teller(flags.json)
     if not cards:
-        tell("no weights ship with this graspmap: make some with graspmap train or graspmap demo")
+        tell("no weights ship with this graspmap: make some with graspmap train")
     rows: list[tuple[str, ...]] = [
         ("name", "network", "input", "size", "trial success", "calibration error", "licence")
     ]

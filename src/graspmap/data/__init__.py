@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from graspmap.data.appendix import cornell_labels
     from graspmap.data.augment import NONE, PUBLISHED, Augmentation
     from graspmap.data.cornell import CornellScenes
+    from graspmap.data.examples import example_scenes
     from graspmap.data.images import (
         Channels,
         channel_count,
@@ -52,6 +53,7 @@ __all__ = [
     "channel_count",
     "check_depth_m",
     "cornell_labels",
+    "example_scenes",
     "fill_depth",
     "input_window",
     "limit_objects",
@@ -85,6 +87,7 @@ _HOME = {
     "channel_count": "images",
     "check_depth_m": "images",
     "cornell_labels": "appendix",
+    "example_scenes": "examples",
     "fill_depth": "images",
     "input_window": "images",
     "limit_objects": "limit",

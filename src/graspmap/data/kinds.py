@@ -15,6 +15,7 @@ from typing import Any, get_args
 
 from graspmap.data import cornell, jacquard
 from graspmap.data.cornell import CornellScenes
+from graspmap.data.examples import EXAMPLES, example_scenes
 from graspmap.data.jacquard import JacquardScenes
 from graspmap.data.scene import Scenes
 from graspmap.errors import (
@@ -71,7 +72,7 @@ def split_spec(spec: str | Path, kinds: Collection[str] = KINDS.keys()) -> tuple
     A leading ``~`` is the user's home: a shell leaves it alone after a colon.
 
     Args:
-        spec: ``"kind:directory"``, or a directory.
+        spec: ``"kind:directory"``, a directory, or ``"examples"`` for the scenes that ship.
         kinds: The kinds that there are.
 
     Raises:
@@ -79,6 +80,8 @@ def split_spec(spec: str | Path, kinds: Collection[str] = KINDS.keys()) -> tuple
         InvalidInputError: No folder is named, or its name holds a zero byte.
     """
     text = str(spec)
+    if spec == EXAMPLES:
+        return "jacquard", example_scenes()
     kind, colon, folder = text.partition(":")
     known = kind in kinds and not isinstance(spec, Path)
     # The current folder is hardly meant: rather a variable of the shell that is not set.
@@ -103,7 +106,8 @@ def read_scenes(spec: str | Path, *, depth: str | None = None, **options: Any) -
     """The scenes of a data set, read from disk one at a time.
 
     Args:
-        spec: ``"kind:directory"``, or a directory whose kind is found from its files.
+        spec: ``"kind:directory"``, a directory whose kind is found from its files, or
+            ``"examples"`` for the scenes that ship (`example_scenes`).
         depth: Which depth the scenes get: ``"perfect"`` or ``"stereo"`` for jacquard, ``"z"`` or
             ``"range"`` for cornell; None for the kind's default.
         **options: What else the kind understands, for example ``jaws="smallest"`` for jacquard;

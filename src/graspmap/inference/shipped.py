@@ -58,6 +58,5 @@ def default_weights(*, has_rgb: bool = True, has_depth: bool = True) -> Path:
         "weights",
         "not given",
         f"a weights file (this graspmap ships none for {pictures or 'no'} pictures): give one with "
-        "--weights, make one with graspmap train or graspmap demo, or bring others' with graspmap "
-        "weights import",
+        "--weights, make one with graspmap train, or bring others' with graspmap weights import",
     )

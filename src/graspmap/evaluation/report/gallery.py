@@ -50,7 +50,7 @@ class Exhibit:
 
     Attributes:
         scene: Its id.
-        why: Why it is shown.
+        why: Why it is shown, or how its trial ended, in a word.
         words: What became of it.
         numbers: What was measured on it, by name: overlap, quality, ...
         pictures: Pictures by their caption: labels and detection, maps, depth.
@@ -58,7 +58,7 @@ class Exhibit:
     """
 
     scene: str
-    why: Why
+    why: str
     words: str
     numbers: Mapping[str, float | None] = field(default_factory=dict)
     pictures: Mapping[str, Picture] = field(default_factory=dict)
@@ -240,7 +240,7 @@ def _pictures(
     view = scene.rgb if scene.rgb is not None else depth
     assert view is not None  # Scene sees to it
     tried = Grasps.empty() if tried is None else tried
-    window = _window(scene.shape, [result.grasp, tried, scene.grasps or Grasps.empty()])
+    window = window_around(scene.shape, [result.grasp, tried, scene.grasps or Grasps.empty()])
     pictures = {"labels and detection": _close_up(view, window, scene.grasps, result.grasp, tried)}
     if depth is not None:
         pictures["depth: near bright"] = _close_up(depth, window, None, result.grasp, tried)
@@ -260,7 +260,7 @@ def _pictures(
     return pictures
 
 
-def _window(shape: tuple[int, int], grasps: Sequence[Grasps]) -> tuple[int, int, int]:
+def window_around(shape: tuple[int, int], grasps: Sequence[Grasps]) -> tuple[int, int, int]:
     """First column, first row and side of a square around some grasps, inside the picture."""
     corners = np.concatenate([some.corners().reshape(-1, 2) for some in grasps])
     rows, columns = shape
