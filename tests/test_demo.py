@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from pathlib import Path
 
 import cv2
@@ -92,7 +93,7 @@ class TestExamples:
 
     def test_files_are_those_that_the_recipe_made(self, manifest, plan):
         made = json.loads(json.dumps(plan.to_dict()))
-        assert {key: manifest["plan"][key] for key in made} == made
+        assert {key: manifest["plan"].get(key) for key in made} == made
         hashes = {name: file_hash(example_scenes() / name) for name in manifest["files"]}
         assert hashes == manifest["files"]
 
@@ -151,6 +152,20 @@ class TestDemo:
         assert code == 0
         text = (tmp_path / "index.html").read_text(encoding="utf-8")
         assert text.count("data:image/webp") == 3
+
+    def test_a_scene_that_cannot_be_tried_is_left_out(
+        self, capsys, monkeypatch, tmp_path, weights, generated
+    ):
+        shutil.copytree(generated, tmp_path / "scenes")
+        monkeypatch.setattr(examples, "_FOLDER", tmp_path / "scenes")
+        path = next((tmp_path / "scenes").glob("*/*_scene.json"))
+        record = json.loads(path.read_text(encoding="utf-8"))
+        record["objects"][0]["fingerprint"]["mass_kg"] *= 2
+        path.write_text(json.dumps(record), encoding="utf-8")
+        code, told, warned = run(capsys, "demo", "--out", tmp_path / "d", "--weights", weights)
+        assert code == 0
+        assert "of 2 best grasps" in told
+        assert path.name.removesuffix("_scene.json") in warned
 
     def test_no_grasp_is_a_failure(self, capsys, tmp_path):
         network = make_network("ggcnn2", 1, 1)

@@ -68,10 +68,12 @@ def run(argv: Sequence[str]) -> int:
 
     weights = default_weights() if flags.weights is None else weights_path(flags.weights)
     detector = Detector.load(weights)
-    scenes = JacquardScenes(example_scenes(), depth=flags.depth)
+    scenes: Scenes = JacquardScenes(example_scenes(), depth=flags.depth)
     tell(f"weights {weights.stem} on the {len(scenes)} scenes that ship, {flags.depth} depth")
     found = _detect(detector, scenes, flags.top)
     result = _try(found, flags.top)
+    # Other libraries may make another object of a record: that scene is told, and left out.
+    scenes = scenes.subset(list(_by_scene(result)))
     calibrated = detector.card.calibration is not None
     exhibits = _exhibits(flags, scenes, found, result, calibrated)
     summary: dict[str, Any] = {
