@@ -163,6 +163,7 @@ def make_scene(
         plan.gripper,
         plan.candidates,
         grasps,
+        antipodal_share=plan.antipodal_share,
         settings=plan.settings,
     )
     if not len(labels.positives):

@@ -10,6 +10,7 @@ from typing import Any, Literal, get_args
 from pydantic import TypeAdapter
 
 from graspmap.errors import InvalidInputError, UnknownNameError
+from graspmap.generation.labels import ANTIPODAL_SHARE
 from graspmap.gripper import Gripper, check_gripper
 from graspmap.simulation.meshes import Unit
 from graspmap.simulation.procedural import FAMILIES, ObjectRanges
@@ -37,6 +38,7 @@ class GenerationPlan:
         seed: Item i (an object with its views) draws from (seed, i).
         size_px: Side of the pictures.
         candidates: Trials of a scene, over all jaw sizes.
+        antipodal_share: Part of the candidates that is antipodal, in [0, 1]; the others are random.
         randomisation: By how much pictures vary.
         settings: Of the trials.
         families: Of procedural objects: names of `FAMILIES` or of their shapes; all where empty.
@@ -57,6 +59,7 @@ class GenerationPlan:
     seed: int = 0
     size_px: int = 1024
     candidates: int = 1000
+    antipodal_share: float = ANTIPODAL_SHARE
     randomisation: Randomisation = field(default_factory=Randomisation)
     settings: TrialSettings = field(default_factory=TrialSettings)
     families: tuple[str, ...] = ()
@@ -77,6 +80,8 @@ class GenerationPlan:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
                 raise InvalidInputError(name, repr(value), f"a whole number from {low} to {high}")
+        if not 0 <= self.antipodal_share <= 1:
+            raise InvalidInputError("antipodal_share", repr(self.antipodal_share), "a part of 1")
         check_gripper(self.gripper)
         self._check_objects()
         self._check_jaws()
@@ -143,6 +148,7 @@ class GenerationPlan:
             "seed": self.seed,
             "size_px": self.size_px,
             "candidates": self.candidates,
+            "antipodal_share": self.antipodal_share,
             "families": list(self.families),
             "ranges": _plain(ObjectRanges, self.ranges) if self.ranges else None,
             "unit": self.unit,

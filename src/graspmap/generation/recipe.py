@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from graspmap.config import read_model
 from graspmap.errors import ConfigError, InvalidInputError, UnknownNameError
 from graspmap.files import shipped_or_path
+from graspmap.generation.labels import ANTIPODAL_SHARE
 from graspmap.generation.plan import GenerationPlan
 from graspmap.gripper import load_gripper
 from graspmap.simulation.render import Randomisation
@@ -51,6 +52,7 @@ class RecipeFile(_Section):
         gripper: Name of a profile or path of a YAML file; whose grasps are tried.
         size_px: Side of the pictures.
         candidates: Grasps tried on each scene.
+        antipodal_share: Part of them that is antipodal.
         parts: The parts by name, which is that of their folder.
         randomisation: By how much pictures vary; keys left out stay as in the default.
     """
@@ -58,6 +60,7 @@ class RecipeFile(_Section):
     gripper: str
     size_px: int
     candidates: int
+    antipodal_share: float = ANTIPODAL_SHARE
     parts: dict[_Name, Part] = Field(min_length=1)
     randomisation: Randomisation = Randomisation()
 
@@ -101,6 +104,7 @@ def _plan(path: Path, recipe: RecipeFile, name: str) -> GenerationPlan:
             seed=part.seed,
             size_px=recipe.size_px,
             candidates=recipe.candidates,
+            antipodal_share=recipe.antipodal_share,
             randomisation=recipe.randomisation,
             families=part.families,
         )
