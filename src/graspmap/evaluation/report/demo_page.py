@@ -76,7 +76,7 @@ def demo_picture(exhibits: Sequence[Exhibit], title: str) -> Picture:
         name, quality = next(iter(exhibit.numbers.items()))
         number = "" if quality is None else f", {quality:.2f}"
         tiles += [
-            Tile(exhibit.pictures[_GRASPS], f"{exhibit.words.split('.')[0]}: {exhibit.why}"),
+            Tile(exhibit.pictures[_GRASPS], f"{exhibit.words.partition('. ')[0]}: {exhibit.why}"),
             Tile(exhibit.pictures[_QUALITY], f"{name}{number}"),
         ]
     return contact_sheet(tiles, columns=4, cell=300, title=title)
