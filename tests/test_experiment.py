@@ -148,6 +148,7 @@ def test_a_wrong_value_says_what_is_allowed(file, section, key, allowed):
         ("split: {train: 0.5}", "1 in sum"),
         ("split: {folds: 5, fold: 5}", "0 to 4"),
         ("augment: {zoom: [1.0, 0.5]}", "low, high"),
+        ("augment: {crop: 8}", "16"),
         ("augment: {zoom: [0.5]}", ""),
         ("augment: {zoom: [0.0, 1.0]}", "0.05"),
         ("size: 8", "16"),
@@ -158,6 +159,12 @@ def test_values_that_do_not_fit_together(file, data, allowed):
     error = wrong(file(f"data: {{source: x, {data}}}"))
     assert error.key.startswith("data.")
     assert allowed in error.remedy
+
+
+def test_a_crop_larger_than_the_input_is_refused(file):
+    error = wrong(file("data: {source: x, augment: {crop: 301}}"))
+    assert error.key == "data"
+    assert "up to size, 300 px" in error.remedy
 
 
 def test_flags_replace_values(file):

@@ -32,7 +32,15 @@ from graspmap.geometry import Grasps
 from graspmap.geometry.affine import rotation
 from graspmap.inference import Detector, load_weights
 from graspmap.training import Experiment, callbacks, read_experiment, run, train
-from graspmap.training.data import Draw, DrawSampler, Samples, greatest_opening, make_sample
+from graspmap.training.data import (
+    Draw,
+    DrawSampler,
+    Samples,
+    crop_sample,
+    greatest_opening,
+    make_sample,
+)
+from graspmap.training.module import cosine_share
 from graspmap.training.state import RunState
 
 # The bits of a sum depend on how many threads share it.
@@ -210,6 +218,37 @@ def test_more_epochs_go_on_as_if_planned_from_the_start(experiment, whole_run, t
     train(change(experiment, training__epochs=1), tmp_path)
     train(experiment, tmp_path)
     assert_same_run(tmp_path, whole_run[0])
+
+
+def test_a_run_of_crops_with_a_cosine_goes_on_to_the_same_bits(experiment, tmp_path, monkeypatch):
+    """Stopped inside its second epoch; the learning rate ends at nothing."""
+    crops = change(
+        experiment, data__augment__crop=24, schedule__kind="cosine", schedule__warmup=0.25
+    )
+    train(crops, tmp_path / "whole")
+    calls = 0
+    save = callbacks.write_bytes
+
+    def stop(path, content, **options):
+        nonlocal calls
+        calls += 1
+        if calls == 7:
+            raise KeyboardInterrupt
+        save(path, content, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(callbacks, "write_bytes", stop)
+        with pytest.raises(KeyboardInterrupt):
+            train(crops, tmp_path / "cut")
+    state = callbacks.load_checkpoint(tmp_path / "cut" / "checkpoints" / "last.ckpt")["graspmap"]
+    assert 0 < state["step"] < 9
+    train(crops, tmp_path / "cut")
+    assert_same_run(tmp_path / "cut", tmp_path / "whole")
+    rates = [row["learning_rate"] for row in rows(tmp_path / "whole")[1:]]
+    # Nine steps; the rate of an epoch's last one, against the formula.
+    peak = crops.optimiser.learning_rate
+    assert rates == pytest.approx([peak * cosine_share(n / 9, 0.25) for n in (2, 5, 8)])
+    assert rates[-1] < 0.1 * peak
 
 
 def test_workers_do_not_change_the_run(experiment, whole_run, tmp_path):
@@ -551,6 +590,64 @@ def test_picture_and_targets_move_together(store, experiment):
     differing = np.abs(expected - turned["target"]).max(axis=(0, 1)) > 1e-5
     assert quality.any()
     assert differing.mean() < 0.005  # pixel centres that lie on a region's border
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    size=st.integers(2, 40),
+    grasps=st.booleans(),
+    data=st.data(),
+)
+def test_a_crop_is_a_part_of_the_sample_with_a_graspable_pixel(seed, size, grasps, data):
+    side, rng = data.draw(st.integers(1, size)), np.random.default_rng(seed)
+    places = np.arange(size * size, dtype=np.float32).reshape(size, size)
+    quality = np.zeros((2, size, size), np.float32)
+    if grasps:
+        quality[rng.integers(2), rng.integers(size), rng.integers(size)] = 0.5
+    sample = {
+        "input": places[None],
+        "target": np.stack([quality, places + 0 * quality, quality, quality]),
+        "mask": places[None] > 3,
+        "index": np.array(7),
+    }
+    cut = crop_sample(sample, side, rng)
+    assert cut["input"].shape == (1, side, side)
+    assert cut["target"].shape == (4, 2, side, side)
+    top, left = divmod(int(cut["input"][0, 0, 0]), size)
+    assert np.array_equal(cut["input"][0], places[top : top + side, left : left + side])
+    assert np.array_equal(cut["target"][1, 0], cut["input"][0])
+    assert np.array_equal(cut["mask"], cut["input"] > 3)
+    assert cut["index"] == 7
+    assert cut["target"][0].any() == grasps
+
+
+def test_crops_lie_anywhere_around_what_can_be_grasped():
+    quality = np.zeros((1, 1, 60, 60), np.float32)
+    quality[..., 30, 30] = 1
+    sample = {"input": np.zeros((1, 60, 60), np.float32), "target": np.repeat(quality, 4, axis=0)}
+    rng = np.random.default_rng(0)
+    found = np.array(
+        [np.argwhere(crop_sample(sample, 10, rng)["target"][0, 0])[0] for _ in range(999)]
+    )
+    counts = np.stack([np.bincount(axis, minlength=10) for axis in found.T])
+    assert counts.shape == (2, 10)
+    assert counts.min() > 60  # 100 are expected in each of ten rows and columns
+
+
+def test_the_rate_rises_and_falls_along_a_cosine():
+    shares = [cosine_share(n / 1000, 0.1) for n in range(1001)]
+    assert shares[0] == pytest.approx(0.01)
+    assert int(np.argmax(shares)) == 100
+    assert max(shares) == pytest.approx(1)
+    assert shares[-1] == pytest.approx(0, abs=1e-12)
+    assert shares[550] == pytest.approx(0.5)
+    optimiser = torch.optim.SGD([torch.zeros(1)], lr=1.0)
+    oracle = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, T_max=900)
+    for share in shares[100:]:
+        assert share == pytest.approx(optimiser.param_groups[0]["lr"], abs=1e-9)
+        optimiser.step()
+        oracle.step()
+    assert cosine_share(0.0, 0.0) == 1.0
 
 
 def test_width_scale_is_the_greatest_opening_in_sight(store):

@@ -118,8 +118,10 @@ class Samples(Dataset[dict[str, NDArray[Any]]]):
         """``input`` (C, S, S), ``target`` (4, N, S, S), ``index`` and the truth of the tasks."""
         scene = self.store[draw.scene]
         matrix = np.eye(3)
+        rng = np.random.default_rng(
+            (self.experiment.seed, _MOVE, max(draw.epoch, 0), draw.position)
+        )
         if draw.epoch >= 0:
-            rng = np.random.default_rng((self.experiment.seed, _MOVE, draw.epoch, draw.position))
             matrix = augmentation(self.experiment).draw(rng, self.experiment.data.size)
         sample = make_sample(scene, matrix, self.experiment, self.width_scale_px)
         category = self.experiment.tasks.category
@@ -134,7 +136,9 @@ class Samples(Dataset[dict[str, NDArray[Any]]]):
             label=None if category is None else category.labels,
             classes=self.classes,
         )
-        return {**sample, **truth, "index": np.array(draw.scene)}
+        sample = {**sample, **truth, "index": np.array(draw.scene)}
+        crop = self.experiment.data.augment.crop
+        return sample if crop is None or draw.epoch < 0 else crop_sample(sample, crop, rng)
 
 
 def augmentation(experiment: Experiment) -> Augmentation:
@@ -174,6 +178,31 @@ def make_sample(
         width_scale=width_scale_px,
     )
     return {"input": picture, "target": np.stack(list(target))}
+
+
+def crop_sample(
+    sample: Mapping[str, NDArray[Any]], side: int, rng: np.random.Generator
+) -> dict[str, NDArray[Any]]:
+    """A square of a sample, around a graspable pixel drawn at random (any, where there is none).
+
+    Args:
+        sample: What `Samples` gives; every array that ends in (S, S) is cut.
+        side: Side of the square, at most S.
+        rng: What pixel and place are drawn from.
+    """
+    size = sample["target"].shape[-1]
+    pixels = np.flatnonzero(sample["target"][0].max(axis=0) > 0)
+    chosen = pixels[rng.integers(len(pixels))] if len(pixels) else rng.integers(size * size)
+    row, column = (
+        # Anywhere in the square, as far as the square lies inside the picture.
+        int(rng.integers(max(0, at - side + 1), min(at, size - side) + 1))
+        for at in divmod(int(chosen), size)
+    )
+    window = (..., slice(row, row + side), slice(column, column + side))
+    return {
+        name: np.ascontiguousarray(array[window]) if array.shape[-2:] == (size, size) else array
+        for name, array in sample.items()
+    }
 
 
 class GraspData(lightning.LightningDataModule):

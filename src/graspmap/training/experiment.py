@@ -157,12 +157,16 @@ class AugmentSection(_Section):
         zoom: Share of the picture's side that fills the frame, drawn from (low, high).
         flip: Whether half of the pictures are mirrored.
         shift: Greatest shift, as a share of the picture's side.
+        crop: Side in input pixels of a square that is cut out of the moved picture, around a pixel
+            where a grasp may be centred: where objects are small in the picture, a step costs a
+            fraction of the time, and more of it is spent on them. Null takes the whole picture.
     """
 
     rotation: Literal["any", "quarter", "none"] = "any"
     zoom: tuple[Zoom, Zoom] = (0.5, 1.0)
     flip: bool = False
     shift: Annotated[float, Field(ge=0, le=1)] = 0.0
+    crop: Annotated[int, Field(ge=16)] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> AugmentSection:
@@ -235,6 +239,14 @@ class DataSection(_Section):
     test: TestSection | None = None
     cache_dir: str | None = None
 
+    @model_validator(mode="after")
+    def _check(self) -> DataSection:
+        if self.augment.crop is not None and self.augment.crop > self.size:
+            raise ValueError(
+                f"allowed: augment.crop up to size, {self.size} px, not {self.augment.crop}"
+            )
+        return self
+
 
 class MapsSection(_Section):
     """How the target maps are drawn; see `graspmap.maps.draw_maps`.
@@ -279,7 +291,7 @@ class OptimiserSection(_Section):
 
     Attributes:
         name: Optimiser.
-        learning_rate: Its first learning rate.
+        learning_rate: Its first learning rate; the greatest one with a cosine.
         weight_decay: Its weight decay.
     """
 
@@ -292,7 +304,10 @@ class ScheduleSection(_Section):
     """How the learning rate falls.
 
     Attributes:
-        kind: ``"plateau"`` cuts it when validation no longer improves; ``"none"`` never.
+        kind: ``"plateau"`` cuts it when validation no longer improves; ``"cosine"`` lets it rise
+            over the first `warmup` of all steps and fall to nothing at the last one, along half a
+            cosine; ``"none"`` keeps it.
+        warmup: Share of all steps (those of `TrainingSection.epochs`) in which a cosine rises.
         monitor: What has to improve: the validation loss or its rectangle success.
         factor: A cut multiplies the learning rate by this.
         patience: Epochs without improvement that are let pass before a cut.
@@ -300,7 +315,8 @@ class ScheduleSection(_Section):
             never ends it.
     """
 
-    kind: Literal["plateau", "none"] = "plateau"
+    kind: Literal["plateau", "cosine", "none"] = "plateau"
+    warmup: Annotated[float, Field(ge=0, lt=1)] = 0.1
     monitor: Literal["loss", "success"] = "loss"
     factor: Annotated[float, Field(gt=0, lt=1)] = 0.3
     patience: Annotated[int, Field(ge=0)] = 3

@@ -52,6 +52,7 @@ class GraspModule(lightning.LightningModule):
         store: The scenes; their labels say which grasps are right.
         width_scale_px: Opening in input pixels that the width map shows as 1.
         tasks: Tasks whose truth the scenes have; None for all of the experiment.
+        steps: Optimiser steps of the whole training, which a cosine schedule goes by.
 
     Attributes:
         row: Metrics of the last complete epoch, for the log.
@@ -70,12 +71,14 @@ class GraspModule(lightning.LightningModule):
         store: Store,
         width_scale_px: float,
         tasks: tuple[str, ...] | None = None,
+        steps: int = 0,
     ) -> None:
         super().__init__()
         self.network, self.state = network, state
         self._experiment, self._store, self._width_scale_px = experiment, store, width_scale_px
         self._loss, self._names = make_loss(experiment), loss_names(experiment)
         self._tasks = experiment.tasks.names if tasks is None else tasks
+        self._steps = steps
         self.row: dict[str, float] = {}
         self.verdict: Verdict | None = None
         self.overlaps: dict[int, float] = {}
@@ -106,8 +109,16 @@ class GraspModule(lightning.LightningModule):
         self._clock = time.monotonic() - self.state.seconds
 
     def on_train_batch_start(self, batch: Batch, batch_idx: int) -> None:
-        """Seed what the network draws from (seed, epoch, batch), so a resumed run draws alike."""
+        """Set the learning rate, and seed what the network draws from (seed, epoch, batch).
+
+        Both are functions of where the run stands, so a resumed run goes on alike.
+        """
         del batch, batch_idx
+        if self._experiment.schedule.kind == "cosine":
+            done = self.state.step / max(1, self._steps)
+            share = cosine_share(done, self._experiment.schedule.warmup)
+            for group in self.trainer.optimizers[0].param_groups:
+                group["lr"] = self._experiment.optimiser.learning_rate * share
         key = (self._experiment.seed, _DROP, self.state.epoch, self.state.batch)
         torch.manual_seed(int(np.random.SeedSequence(key).generate_state(1, np.uint64)[0]))
 
@@ -238,6 +249,17 @@ class GraspModule(lightning.LightningModule):
             if factor != 1.0:
                 group["lr"] *= factor
         return float(groups[0]["lr"])
+
+
+def cosine_share(done: float, warmup: float) -> float:
+    """Share of the greatest learning rate when a share ``done`` of all steps lies behind.
+
+    It rises as a straight line from a hundredth over ``warmup``, then falls along half a cosine to
+    nothing.
+    """
+    if done < warmup:
+        return 0.01 + 0.99 * done / warmup
+    return 0.5 * (1 + math.cos(math.pi * min(1.0, (done - warmup) / (1 - warmup))))
 
 
 def _weighted(terms: tuple[Tensor, ...], count: int) -> Tensor:

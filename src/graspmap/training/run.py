@@ -31,7 +31,7 @@ from graspmap.training.callbacks import (
     load_checkpoint,
     no_progress,
 )
-from graspmap.training.data import GraspData, Samples
+from graspmap.training.data import DrawSampler, GraspData, Samples
 from graspmap.training.experiment import Experiment
 from graspmap.training.module import GraspModule
 from graspmap.training.setup import Folder, Setup, choose_device, claim_folder, prepare
@@ -125,6 +125,8 @@ def _module(experiment: Experiment, setup: Setup, state: RunState, held_out: str
         store=setup.parts[held_out].store,
         width_scale_px=setup.width_scale_px,
         tasks=setup.parts[held_out].tasks,
+        steps=experiment.training.epochs
+        * DrawSampler(setup.parts["train"].indices, experiment, RunState()).batches,
     )
 
 

@@ -112,7 +112,7 @@ class RunState:
         The rule is that of ``torch.optim.lr_scheduler.ReduceLROnPlateau``.
         """
         schedule = experiment.schedule
-        if schedule.kind == "none":
+        if schedule.kind != "plateau":
             return False
         if schedule.monitor == "loss":
             # A loss with learned weights may be negative, where a share of it points the other way.
