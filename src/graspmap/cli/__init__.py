@@ -28,7 +28,7 @@ __all__ = ["main"]
 
 COMMANDS = {
     "demo": "detect on the scenes that ship, try the grasps in physics: in half a minute",
-    "gripper": "show a gripper's profile to scale, or start one of your own",
+    "gripper": "show a gripper's profile, start one of your own, train a detector for it",
     "generate": "make labelled scenes for a gripper: pictures, and grasps tried in physics",
     "train": "train a network as an experiment file says",
     "detect": "find grasps in one picture",

@@ -49,6 +49,16 @@ class Compare:
 def run(argv: Sequence[str]) -> int:
     """Run ``graspmap compare``."""
     flags = parse(Compare, argv, "graspmap compare")
+    write_json(compare(flags).to_dict(), flags.json)
+    return 0
+
+
+def compare(flags: Compare) -> Comparison:
+    """Compare as the flags say, write the page where they ask for one, and tell about it.
+
+    Raises:
+        GraspmapError: A flag is out of range, or a folder cannot be used, or is of something else.
+    """
     if not 0 < flags.confidence < 1:
         raise InvalidInputError("--confidence", flags.confidence, "above 0 and below 1")
     if flags.seed < 0:
@@ -65,8 +75,7 @@ def run(argv: Sequence[str]) -> int:
         from graspmap.evaluation.report.comparison_page import write_comparison
 
         tell("  written: " + ", ".join(map(str, write_comparison(comparison, flags.out))))
-    write_json(comparison.to_dict(), flags.json)
-    return 0
+    return comparison
 
 
 def _tell(comparison: Comparison, tell: Callable[[str], None]) -> None:

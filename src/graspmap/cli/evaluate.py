@@ -116,6 +116,23 @@ def run(argv: Sequence[str]) -> int:
 
         return evaluate_egad.run(argv[1:])
     flags = parse(Evaluate, argv, "graspmap evaluate")
+    write_json(measure(flags, shlex.join(["graspmap", "evaluate", *argv])), flags.json)
+    return 0
+
+
+def measure(flags: Evaluate, command: str) -> dict[str, Any]:
+    """Measure as the flags say, write the report where they ask for one, and tell about it.
+
+    Args:
+        flags: What to measure, and how.
+        command: Command line to record in the summary.
+
+    Returns:
+        The summary.
+
+    Raises:
+        GraspmapError: The flags contradict each other, or the data or the weights cannot be used.
+    """
     _check(flags)
     if flags.trials:
         trial_plan(flags)  # a wrong one is told before any work
@@ -129,7 +146,7 @@ def run(argv: Sequence[str]) -> int:
     sections: dict[str, Any] = {
         "detector": _detector(flags, chosen),
         "data_hash": data_hash(chosen.everything),
-        "command": shlex.join(["graspmap", "evaluate", *argv]),
+        "command": command,
         "seed": flags.seed,
         "depth": chosen.depth or KINDS[chosen.everything.kind].depths[0],
     }
@@ -146,8 +163,7 @@ def run(argv: Sequence[str]) -> int:
         sections["speed"] = time_detection(flags, chosen)
     if chosen.split is not None:
         sections["split"] = {"part": chosen.part, "hash": chosen.split.hash}
-    write_json(_write(flags, chosen, result, sections, tried), flags.json)
-    return 0
+    return _write(flags, chosen, result, sections, tried)
 
 
 def _check(flags: Evaluate) -> None:

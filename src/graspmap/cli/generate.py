@@ -56,7 +56,8 @@ class Generate:
 
     A recipe is a YAML file that says all of this for several parts (training, test, ...) that share
     no object; graspmap-v1 is the benchmark of the project, graspmap-examples made the scenes that
-    ship. Part P becomes the data set DIR/P.
+    ship, own-gripper is for any --gripper (`graspmap gripper train` uses it). Part P becomes the
+    data set DIR/P.
     """
 
     out: Annotated[Path, option("DIR", "needed")]
@@ -64,12 +65,13 @@ class Generate:
     scenes: Annotated[int | None, option("N", "needed without --recipe")] = None
     """How many scenes."""
     recipe: Annotated[str | None, option("R")] = None
-    """Name of a recipe (graspmap-v1) or a YAML file, instead of all other flags but --workers."""
+    """Name of a recipe (graspmap-v1) or a YAML file, instead of all other flags but --workers and,
+    where the recipe leaves it open, --gripper."""
     parts: Annotated[str | None, option("P,...", "default: all")] = None
     """Parts of the recipe to make."""
     objects: Annotated[str, option("procedural|DIR", "default: procedural")] = "procedural"
     """Objects that graspmap makes up, or a folder of meshes (.obj .stl .ply .off .glb .gltf)."""
-    gripper: Annotated[str, option("G", "default: jacquard")] = "jacquard"
+    gripper: Annotated[str | None, option("G", "default: jacquard")] = None
     """Name of a profile (`graspmap gripper list`) or a YAML file."""
     views: Annotated[int, option("V", "default: 5")] = 5
     """Scenes of one object, each with a fall, a camera and a light of its own."""
@@ -110,21 +112,37 @@ def run(argv: Sequence[str]) -> int:
     for part, plan in plans.items():
         if part:
             teller(flags.json)(f"part {part}: {plan.scenes} scenes")
-        summaries[part] = _make(flags, plan, flags.out / part)
+        summaries[part] = make_data_set(
+            plan, flags.out / part, workers=flags.workers, tell=teller(flags.json)
+        )
     write_json(summaries.get("", {"parts": summaries}), flags.json)
     return 0
 
 
-def _make(flags: Generate, plan: GenerationPlan, out: Path) -> dict[str, Any]:
-    """Make one data set, and tell about it."""
+def make_data_set(
+    plan: GenerationPlan, out: Path, *, workers: int, tell: Callable[[str], None]
+) -> dict[str, Any]:
+    """Make one data set, or go on with it, and tell about it.
+
+    Args:
+        plan: What to make.
+        out: Its folder.
+        workers: Processes; 0 for every core.
+        tell: Takes the lines about it.
+
+    Returns:
+        The summary.
+
+    Raises:
+        GraspmapError: As `graspmap.generation.generate`.
+    """
     from graspmap.generation import generate
 
     clock = _Clock()
-    workers = flags.workers or os.cpu_count() or 1
-    manifest = generate(plan, out, workers=workers, progress=clock.progress)
+    manifest = generate(plan, out, workers=workers or os.cpu_count() or 1, progress=clock.progress)
     write_picture(out / "sheet.png", _sheet(out, plan.gripper.name))
     summary = _summary(manifest, clock, out)
-    _tell(teller(flags.json), summary)
+    _tell(tell, summary)
     return summary
 
 
@@ -136,15 +154,17 @@ def _plans(flags: Generate) -> Mapping[str, GenerationPlan]:
         if flags.parts is not None:
             raise InvalidInputError("--parts", flags.parts, "only with --recipe")
         return {"": _plan(flags)}
-    others = {"out", "recipe", "parts", "workers", "json"}
+    others = {"out", "recipe", "parts", "gripper", "workers", "json"}
     for known in fields(flags):
         value = getattr(flags, known.name)
         if known.name not in others and value != known.default:
             flag = "--" + known.name.replace("_", "-")
             raise InvalidInputError(flag, value, "not with --recipe: it is the recipe that says so")
     from graspmap.generation.recipe import load_recipe
+    from graspmap.gripper import load_gripper
 
-    plans = load_recipe(flags.recipe)
+    gripper = None if flags.gripper is None else load_gripper(flags.gripper)
+    plans = load_recipe(flags.recipe, gripper=gripper)
     if flags.parts is None:
         return plans
     for name in flags.parts.split(","):
@@ -163,7 +183,7 @@ def _plan(flags: Generate) -> GenerationPlan:
     return GenerationPlan(
         scenes=flags.scenes,
         objects=PROCEDURAL if made_up else Path(flags.objects).expanduser(),
-        gripper=load_gripper(flags.gripper),
+        gripper=load_gripper(flags.gripper or "jacquard"),
         views=flags.views,
         clutter=flags.clutter,
         seed=flags.seed,

@@ -1,4 +1,4 @@
-"""``graspmap gripper list`` and ``graspmap gripper show``: profiles of grippers."""
+"""``graspmap gripper``: profiles of grippers, and a detector for one of them."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from graspmap.errors import InvalidInputError, UnknownNameError
 _HELP = """usage: graspmap gripper list [--json F]
        graspmap gripper show NAME|FILE [--out F.png] [--json F]
        graspmap gripper show NAME --yaml > mine.yaml
+       graspmap gripper train NAME|FILE --out DIR [options]
 
 A profile says what a parallel-jaw gripper is: openings, fingers, force, friction. Four of them
 ship with graspmap; a YAML file of your own stands wherever a name does.
@@ -31,6 +32,9 @@ A profile of your own:
   graspmap gripper show franka --yaml > mine.yaml     start from the nearest one
   (change the numbers: each key says its unit, a comment what it means)
   graspmap gripper show mine.yaml --out mine.png      check it, and look at it to scale
+  graspmap gripper train mine.yaml --out mine         scenes, training, trials: a detector for it
+
+graspmap gripper COMMAND --help lists the options of one.
 
 All keys, with the numbers of franka:
 """
@@ -75,11 +79,17 @@ def run(argv: Sequence[str]) -> int:
         keys = [line for line in text.splitlines() if line and not line.startswith("#")]
         print(_HELP + "\n".join(f"  {line}" for line in keys))
         return 0 if argv else 2
-    commands = {"list": _list, "show": _show}
+    commands = {"list": _list, "show": _show, "train": _train}
     if argv[0] not in commands:
         raise UnknownNameError("gripper command", argv[0], commands)
     commands[argv[0]](argv[1:])
     return 0
+
+
+def _train(argv: Sequence[str]) -> None:
+    from graspmap.cli import gripper_train
+
+    gripper_train.train(argv)
 
 
 def _list(argv: Sequence[str]) -> None:

@@ -98,7 +98,7 @@ def _split(flag: str | None, weights: Path | None, scenes: Scenes) -> tuple[Spli
 
     beside = None if weights is None else weights.with_name("split.json")
     if flag is None:
-        if beside is not None and beside.is_file():
+        if beside is not None and beside.is_file() and _divides(beside, scenes):
             _LOG.warning(
                 "%s lies beside the weights: they may have been trained on some of these scenes; "
                 "--split test measures the others alone",
@@ -123,3 +123,14 @@ def _split(flag: str | None, weights: Path | None, scenes: Scenes) -> tuple[Spli
             own,
         )
     return read_split(own, scenes), flag
+
+
+def _divides(path: Path, scenes: Scenes) -> bool:
+    """Whether a split may be one of these scenes; a damaged one may."""
+    from graspmap.data import read_split
+    from graspmap.data.split import fingerprint
+
+    try:
+        return read_split(path).source == fingerprint(scenes)
+    except FileError:
+        return True

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -20,6 +20,9 @@ from graspmap.cli.frame import (
     write_json,
 )
 from graspmap.cli.progress import progress
+
+if TYPE_CHECKING:
+    from graspmap.training import Experiment
 
 
 @dataclass(frozen=True)
@@ -48,23 +51,42 @@ def run(argv: Sequence[str]) -> int:
     words = [word for word in rest if not word.startswith("--")]
     if rest and not rest[0].startswith("--"):
         raise UsageError("graspmap train", f"{words[0]!r} belongs to no flag")
-    from graspmap.training import read_experiment, train
+    from graspmap.training import read_experiment
 
     experiment = read_experiment(flags.experiment, rest)
     output_folder(flags.out, "--out")
     output_file(flags.json, "--json", keep=[flags.experiment])
     command = shlex.join(["graspmap", "train", *argv])
-    card = train(experiment, flags.out, command=command, progress=progress)
+    write_json(train_network(experiment, flags.out, command, teller(flags.json)), flags.json)
+    return 0
+
+
+def train_network(
+    experiment: Experiment, out: Path, command: str, tell: Callable[[str], None]
+) -> dict[str, Any]:
+    """Train as an experiment says, or go on with it, and tell about it.
+
+    Args:
+        experiment: What to do.
+        out: Folder of the run.
+        command: Command line to record in the card.
+        tell: Takes the lines about it.
+
+    Returns:
+        The card of the weights, as plain values.
+
+    Raises:
+        GraspmapError: As `graspmap.training.train`.
+    """
+    from graspmap.training import train
+
+    card = train(experiment, out, command=command, progress=progress)
     content = card.model_dump(mode="json")
-    tell = teller(flags.json)
-    tell(
-        f"{flags.out / 'weights.safetensors'}: {card.network}, {card.channels}, {card.bins} bin(s)"
-    )
+    tell(f"{out / 'weights.safetensors'}: {card.network}, {card.channels}, {card.bins} bin(s)")
     for part in ("validation", "test"):
         if text := _score(content["metrics"].get(part)):
             tell(f"{part}: {text}")
-    write_json(content, flags.json)
-    return 0
+    return content
 
 
 def _score(metrics: Any) -> str:

@@ -60,6 +60,16 @@ class Calibrate:
 def calibrate(argv: Sequence[str]) -> None:
     """Run ``graspmap weights calibrate``."""
     flags = parse(Calibrate, argv, "graspmap weights calibrate")
+    write_json(calibrate_weights(flags).model_dump(mode="json"), flags.json)
+
+
+def calibrate_weights(flags: Calibrate) -> CalibrationCard:
+    """Calibrate as the flags say, write the weights, and tell about it.
+
+    Raises:
+        GraspmapError: The flags contradict each other, the data or the weights cannot be used, or
+            the detector finds nothing to try.
+    """
     at_least(0, seed=flags.seed)
     at_least(1, top=flags.top)
     flags.trial.check()
@@ -87,7 +97,7 @@ def calibrate(argv: Sequence[str]) -> None:
     card = card.model_copy(update={"calibration": found, "evaluations": {}})
     save_weights(flags.out, network, card)
     _tell(flags, found)
-    write_json(found.model_dump(mode="json"), flags.json)
+    return found
 
 
 def _try(flags: Calibrate, chosen: Selection, detector: Detector) -> TrialEvaluation:

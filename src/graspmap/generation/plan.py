@@ -113,8 +113,7 @@ class GenerationPlan:
 
     def _check_jaws(self) -> None:
         """See that the gripper's jaws are neither specks nor larger than the picture."""
-        camera = self.randomisation.camera
-        side_m = math.tan(math.radians(sum(camera.field_of_view_deg) / 4)) * sum(camera.distance_m)
+        side_m = self.shown_m
         for jaw in self.gripper.jaw_sizes_m:
             jaw_px = jaw / side_m * self.size_px
             if not 1 <= jaw_px <= self.size_px:
@@ -123,6 +122,13 @@ class GenerationPlan:
                     f"{jaw:g} m, {jaw_px:.3g} px of a picture that shows {side_m:.2g} m",
                     f"1 to {self.size_px} px: change the gripper, size_px or the camera's distance",
                 )
+
+    @property
+    def shown_m(self) -> float:
+        """Side of the table that a picture of average distance and view shows, metres."""
+        camera = self.randomisation.camera
+        half = math.radians(sum(camera.field_of_view_deg) / 4)
+        return math.tan(half) * sum(camera.distance_m)
 
     @property
     def procedural(self) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -13,7 +14,7 @@ from graspmap.errors import ConfigError, InvalidInputError, UnknownNameError
 from graspmap.files import shipped_or_path
 from graspmap.generation.labels import ANTIPODAL_SHARE
 from graspmap.generation.plan import GenerationPlan
-from graspmap.gripper import load_gripper
+from graspmap.gripper import Gripper, load_gripper
 from graspmap.simulation.render import Randomisation
 
 _FOLDER = Path(__file__).with_name("recipes")
@@ -32,6 +33,7 @@ class Part(_Section):
 
     Attributes:
         scenes: How many.
+        least: How many at least, where a recipe is made smaller than it says.
         seed: Parts with different seeds share no object.
         views: Scenes of one object.
         clutter: Objects on the table.
@@ -39,6 +41,7 @@ class Part(_Section):
     """
 
     scenes: int
+    least: Annotated[int, Field(ge=1)] = 1
     seed: int
     views: int = 1
     clutter: int = 1
@@ -49,7 +52,8 @@ class RecipeFile(_Section):
     """What a recipe's file holds.
 
     Attributes:
-        gripper: Name of a profile or path of a YAML file; whose grasps are tried.
+        gripper: Name of a profile or path of a YAML file; whose grasps are tried. None: whoever
+            uses the recipe says.
         size_px: Side of the pictures.
         candidates: Grasps tried on each scene.
         antipodal_share: Part of them that is antipodal.
@@ -57,7 +61,7 @@ class RecipeFile(_Section):
         randomisation: By how much pictures vary; keys left out stay as in the default.
     """
 
-    gripper: str
+    gripper: str | None = None
     size_px: int
     candidates: int
     antipodal_share: float = ANTIPODAL_SHARE
@@ -65,13 +69,20 @@ class RecipeFile(_Section):
     randomisation: Randomisation = Randomisation()
 
 
-def load_recipe(name_or_path: str | Path) -> Mapping[str, GenerationPlan]:
+def load_recipe(
+    name_or_path: str | Path, *, gripper: Gripper | None = None, scenes: int | None = None
+) -> Mapping[str, GenerationPlan]:
     """The plans of a recipe, by the name of their part.
 
     Args:
         name_or_path: Name of a recipe that ships, or a YAML file.
+        gripper: Whose grasps are tried, for a recipe that leaves it open.
+        scenes: How many the first part has; the others grow and shrink with it, down to their
+            ``least``. None: as many as the recipe says.
 
     Raises:
+        InvalidInputError: The gripper is missing, or given although the recipe has one, or does not
+            suit its pictures; or there are too few scenes.
         UnknownNameError: None that ships has this name.
         MissingFileError: There is no such file.
         FileFormatError: The file is no YAML mapping.
@@ -90,15 +101,45 @@ def load_recipe(name_or_path: str | Path) -> Mapping[str, GenerationPlan]:
                 "give each part a seed of its own, so that they share no object",
             )
         seeds[part.seed] = name
-    return {name: _plan(path, recipe, name) for name in recipe.parts}
+    whose = _gripper(name_or_path, recipe, gripper)
+    plans = {name: _plan(path, recipe, name, whose) for name in recipe.parts}
+    return plans if scenes is None else _scaled(name_or_path, recipe, plans, scenes)
 
 
-def _plan(path: Path, recipe: RecipeFile, name: str) -> GenerationPlan:
+def _gripper(recipe: str | Path, file: RecipeFile, given: Gripper | None) -> Gripper:
+    """The gripper of a recipe, or that of its user."""
+    if file.gripper is not None:
+        if given is not None:
+            allowed = f"none: recipe {recipe} says that it is {file.gripper}"
+            raise InvalidInputError("--gripper", given.name, allowed)
+        return load_gripper(file.gripper)
+    if given is None:
+        allowed = f"the gripper that recipe {recipe} is to be made for: a profile or a YAML file"
+        raise InvalidInputError("--gripper", "missing", allowed)
+    return given
+
+
+def _scaled(
+    recipe: str | Path, file: RecipeFile, plans: Mapping[str, GenerationPlan], scenes: int
+) -> dict[str, GenerationPlan]:
+    """The plans with so many scenes in the first part, and others in proportion."""
+    first = next(iter(file.parts))
+    if scenes < file.parts[first].least:
+        allowed = f"{file.parts[first].least} or more in part {first} of recipe {recipe}"
+        raise InvalidInputError("--scenes", scenes, allowed)
+    factor = scenes / plans[first].scenes
+    return {
+        name: replace(plan, scenes=max(file.parts[name].least, round(factor * plan.scenes)))
+        for name, plan in plans.items()
+    }
+
+
+def _plan(path: Path, recipe: RecipeFile, name: str, gripper: Gripper) -> GenerationPlan:
     part = recipe.parts[name]
     try:
         return GenerationPlan(
             scenes=part.scenes,
-            gripper=load_gripper(recipe.gripper),
+            gripper=gripper,
             views=part.views,
             clutter=part.clutter,
             seed=part.seed,
@@ -109,4 +150,6 @@ def _plan(path: Path, recipe: RecipeFile, name: str) -> GenerationPlan:
             families=part.families,
         )
     except (InvalidInputError, UnknownNameError) as error:
+        if recipe.gripper is None and f"gripper {gripper.name}" in error.name:
+            raise  # the gripper does not suit the recipe: it is not the recipe's to mend
         raise ConfigError(path, f"parts.{name}", str(error), "mend it there") from error
