@@ -30,6 +30,9 @@ Batch = dict[str, torch.Tensor]
 """``input`` (B, C, S, S); ``target`` (B, 4, N, S, S) quality, cos, sin, width; ``index`` (B,); and
 what `graspmap.training.targets.task_targets` gives for the tasks."""
 
+ELSEWHERE = 0.25
+"""Share of the crops that lie anywhere in the picture, not around what can be grasped."""
+
 _ORDER, _MOVE = 0, 1
 """Which stream of random numbers: the order of the scenes, or the motion of one picture."""
 
@@ -183,7 +186,11 @@ def make_sample(
 def crop_sample(
     sample: Mapping[str, NDArray[Any]], side: int, rng: np.random.Generator
 ) -> dict[str, NDArray[Any]]:
-    """A square of a sample, around a graspable pixel drawn at random (any, where there is none).
+    """A square of a sample, around a graspable pixel drawn at random, or, now and then, anywhere.
+
+    Without the others (a share of `ELSEWHERE`) a network would never see the picture's corners, and
+    would find grasps in them: there a tilted table is nearest and farthest, beside the zeros that
+    convolutions add.
 
     Args:
         sample: What `Samples` gives; every array that ends in (S, S) is cut.
@@ -192,7 +199,9 @@ def crop_sample(
     """
     size = sample["target"].shape[-1]
     pixels = np.flatnonzero(sample["target"][0].max(axis=0) > 0)
-    chosen = pixels[rng.integers(len(pixels))] if len(pixels) else rng.integers(size * size)
+    if not len(pixels) or rng.random() < ELSEWHERE:
+        pixels = np.arange(size * size)
+    chosen = pixels[rng.integers(len(pixels))]
     row, column = (
         # Anywhere in the square, as far as the square lies inside the picture.
         int(rng.integers(max(0, at - side + 1), min(at, size - side) + 1))

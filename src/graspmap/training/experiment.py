@@ -157,9 +157,10 @@ class AugmentSection(_Section):
         zoom: Share of the picture's side that fills the frame, drawn from (low, high).
         flip: Whether half of the pictures are mirrored.
         shift: Greatest shift, as a share of the picture's side.
-        crop: Side in input pixels of a square that is cut out of the moved picture, around a pixel
-            where a grasp may be centred: where objects are small in the picture, a step costs a
-            fraction of the time, and more of it is spent on them. Null takes the whole picture.
+        crop: Side in input pixels of a square that is cut out of the moved picture, three times of
+            four around a pixel where a grasp may be centred: where objects are small in the
+            picture, a step costs a fraction of the time, and more of it is spent on them. Null
+            takes the whole picture.
     """
 
     rotation: Literal["any", "quarter", "none"] = "any"
