@@ -14,7 +14,7 @@ import torch
 
 from graspmap import Detector, cli, read_scenes
 from graspmap.cli import evaluate, gripper_train
-from graspmap.cli.gripper_train import PARTS, TrainForGripper
+from graspmap.cli.gripper_job import PARTS, TrainForGripper, compared_weights, prepare
 from graspmap.errors import ConfigError, InvalidInputError
 from graspmap.evaluation.compare import Comparison, Pair
 from graspmap.evaluation.tabletops import scene_gripper
@@ -275,15 +275,15 @@ def test_a_recipe_needs_these_parts(capsys, tmp_path):
 def test_what_it_compares_with(tmp_path, monkeypatch, caplog):
     """The best of the same channels; another kind would differ in more than the gripper."""
     monkeypatch.setattr(shipped, "_FOLDER", tmp_path)
-    assert gripper_train._compared(None, "depth") is None
+    assert compared_weights(None, "depth") is None
     depth = small(tmp_path / "a-depth.safetensors")
-    assert gripper_train._compared(None, "depth") == depth
-    assert gripper_train._compared(None, "rgbd") is None
+    assert compared_weights(None, "depth") == depth
+    assert compared_weights(None, "rgbd") is None
     both = small(tmp_path / "b-rgbd.safetensors", "rgbd")
-    assert gripper_train._compared(None, "rgbd") == both
-    assert gripper_train._compared(None, "depth") == depth
-    assert gripper_train._compared("b-rgbd", "depth") == both
-    assert gripper_train._compared("none", "depth") is None
+    assert compared_weights(None, "rgbd") == both
+    assert compared_weights(None, "depth") == depth
+    assert compared_weights("b-rgbd", "depth") == both
+    assert compared_weights("none", "depth") is None
 
 
 @pytest.mark.parametrize(
@@ -300,7 +300,7 @@ def test_the_difference_in_words(tmp_path, capsys, own, compared, words):
     result = compare_paired(*held, rng=np.random.default_rng(0))
     pair = Pair("own", "compared-x", "held", result, result.p_value)
     comparison = Comparison({}, (replace(pair, measure="iou"), pair), {}, 0.95, "scene")
-    job = gripper_train._prepare(TrainForGripper("franka", tmp_path, compare="none"), "x")
+    job = prepare(TrainForGripper("franka", tmp_path, compare="none"), "x")
     found = gripper_train._difference(job, comparison)
     assert found["difference"] == pytest.approx((own - compared) / 20)
     said = capsys.readouterr().out
@@ -314,7 +314,7 @@ def test_the_difference_in_words(tmp_path, capsys, own, compared, words):
 
 @pytest.mark.parametrize("name", [*profile_names(), str(NARROW)])
 def test_what_ships_suits_every_gripper(tmp_path, name):
-    job = gripper_train._prepare(TrainForGripper(name, tmp_path / "out", compare="none"), "x")
+    job = prepare(TrainForGripper(name, tmp_path / "out", compare="none"), "x")
     assert [plan.scenes for plan in job.plans.values()] == [2000, 300, 300]
     assert {plan.gripper for plan in job.plans.values()} == {load_gripper(name)}
     shipped_one = read_experiment(experiments_folder() / "stereo.yaml").flat()

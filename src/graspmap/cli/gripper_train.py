@@ -2,159 +2,29 @@
 
 from __future__ import annotations
 
-import json
-import logging
 import shlex
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any
 
-import tyro
-
-from graspmap.cli.frame import (
-    at_least,
-    option,
-    output_file,
-    output_folder,
-    parse,
-    teller,
-    write_json,
-)
-from graspmap.errors import (
-    FileError,
-    FileFormatError,
-    InvalidInputError,
-    UnknownNameError,
-)
+from graspmap.cli.frame import output_file, output_folder, parse, write_json
+from graspmap.cli.gripper_job import WEIGHTS_FILE, Job, TrainForGripper, claim, prepare
+from graspmap.errors import FileError
 
 if TYPE_CHECKING:
     from graspmap.evaluation.compare import Comparison
-    from graspmap.generation.plan import GenerationPlan
-    from graspmap.gripper import Gripper
-    from graspmap.training import Experiment
-
-PARTS = ("train", "validation", "test")
-SETTINGS_FILE = "settings.json"
-WEIGHTS_FILE = "weights.safetensors"
-NONE = "none"
-
-_FORMAT = "graspmap-own-gripper-1"
-_ANEW = "choose another folder, or delete this one to begin anew"
-_SEEDS_APART = 1000
-"""Between the seeds of the parts of two runs."""
-_LEAST_OPENING_PX = 5.0
-"""A network can't tell by fewer whether something fits between the fingers."""
-
-_LOG = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class TrainForGripper:
-    """Make a detector for your gripper, and say what it gains over the weights that ship.
-
-    Examples:
-      graspmap gripper show franka --yaml > mine.yaml         (then change its numbers)
-      graspmap gripper train mine.yaml --out mine
-      graspmap gripper train robotiq-2f85 --scenes 500 --epochs 10 --out first
-      graspmap gripper train mine.yaml --compare runs/old/weights.safetensors --out mine
-
-    Four steps, each by the command that you could call yourself:
-      1. graspmap generate: objects that suit the gripper are made up, pictures taken, and grasps
-         tried with its openings, jaws and fingers: data/train, data/validation, data/test.
-      2. graspmap train: a network learns from data/train, as a stereo camera sees it: training/.
-      3. graspmap weights calibrate: trials on data/validation make its quality the probability
-         that a grasp holds: weights.safetensors, which is what you use.
-      4. graspmap evaluate --trials and graspmap compare: its best grasp on each scene of data/test
-         is tried with the gripper, and so is that of the weights to compare: report.html of each
-         in evaluation/, and comparison/comparison.html. Both look at the same pictures, of
-         objects that yours has never seen.
-    The last lines say how often each held, whether the difference is more than chance, and how to
-    use the weights. Stopped (Ctrl-C, kill), the same command goes on where it was; what is finished
-    is not done again. Another gripper or other settings need another folder.
-    """
-
-    gripper: Annotated[tyro.conf.Positional[str], option("GRIPPER")]
-    """A profile that ships (`graspmap gripper list`), or a YAML file of your own."""
-    out: Annotated[Path, option("DIR", "needed")]
-    """Folder for everything."""
-    scenes: Annotated[int | None, option("N", "default: as the recipe says, 2000")] = None
-    """Scenes to train on; validation and test grow and shrink with them."""
-    epochs: Annotated[int | None, option("N", "default: as the experiment says")] = None
-    """How often the network goes over them."""
-    network: Annotated[str | None, option("NAME", "default: as the experiment says, ggcnn2")] = None
-    """Which network: ggcnn, ggcnn2, grconvnet, grconvnet2 to 4, unet, mtgcnn-a to d."""
-    channels: Annotated[
-        Literal["depth", "rgbd"] | None, option("depth|rgbd", "default: as the experiment says")
-    ] = None
-    """What it looks at: depth alone, or colour as well."""
-    compare: Annotated[
-        str | None, option("W|none", "default: the best that ship for these channels")
-    ] = None
-    """Weights to compare with: a file, or the name of shipped ones; none compares with nothing."""
-    recipe: Annotated[str, option("R", "default: own-gripper")] = "own-gripper"
-    """Recipe of the scenes, with the parts train, validation and test and without a gripper: copy
-    the one that ships to change camera, light or kinds of objects."""
-    experiment: Annotated[Path | None, option("F.yaml", "default: experiments/stereo.yaml")] = None
-    """Experiment to train by; its data are replaced by those of the recipe."""
-    workers: Annotated[int, option("N", "default: number of cores")] = 0
-    """Processes that make scenes and try grasps; the result does not depend on it."""
-    device: Annotated[Literal["auto", "cpu", "cuda"], option("NAME", "default: auto")] = "auto"
-    """Where the network runs; auto takes a CUDA device where there is one."""
-    seed: Annotated[int, option("S", "default: 0")] = 0
-    """Seed of objects, scenes and training; another one is another run of it all."""
-    json: Annotated[Path | None, option("F")] = None
-    """Write the result as JSON to this file, - for standard output."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Job:
-    """Everything that the steps need."""
-
-    flags: TrainForGripper
-    command: str
-    gripper: Gripper
-    plans: Mapping[str, GenerationPlan]
-    experiment: Experiment
-    compared: Path | None
-    device: str
-
-    @property
-    def tell(self) -> Callable[[str], None]:
-        return teller(self.flags.json)
-
-    @property
-    def told(self) -> Path | None:
-        """The ``--json`` of a step: it writes none, but keeps out of the way of ours."""
-        return Path("-") if str(self.flags.json) == "-" else None
-
-    @property
-    def weights(self) -> Path:
-        return self.flags.out / WEIGHTS_FILE
-
-    @property
-    def trained(self) -> Path:
-        return self.flags.out / "training"
-
-    def part(self, name: str) -> Path:
-        return self.flags.out / "data" / name
-
-    def source(self, name: str) -> str:
-        return f"jacquard:{self.part(name)}"
 
 
 def train(argv: Sequence[str]) -> None:
     """Run ``graspmap gripper train``."""
     flags = parse(TrainForGripper, argv, "graspmap gripper train")
-    at_least(0, workers=flags.workers, seed=flags.seed, epochs=flags.epochs)
-    at_least(1, scenes=flags.scenes)
-    job = _prepare(flags, shlex.join(["graspmap", "gripper", "train", *argv]))
+    job = prepare(flags, shlex.join(["graspmap", "gripper", "train", *argv]))
     output_file(flags.json, "--json", keep=[Path(flags.gripper), job.compared])
     output_folder(flags.out, "--out")
     from graspmap.files import locked
 
     with locked(flags.out, "graspmap gripper train"):
-        _claim(job)
+        claim(job)
         _make_data(job)
         _train(job)
         _calibrate(job)
@@ -163,138 +33,7 @@ def train(argv: Sequence[str]) -> None:
         write_json(_conclude(job, folders, comparison), flags.json)
 
 
-def _prepare(flags: TrainForGripper, command: str) -> _Job:
-    """Everything that can be wrong is told before the first scene is made."""
-    from graspmap.gripper import load_gripper
-    from graspmap.training.setup import choose_device
-    from graspmap.training.tasks import check_experiment
-
-    gripper = load_gripper(flags.gripper)
-    plans = _plans(flags, gripper)
-    experiment = _experiment(flags, gripper)
-    check_experiment(experiment)
-    opening_px = gripper.max_opening_m / plans["test"].shown_m * experiment.data.size
-    if opening_px < _LEAST_OPENING_PX:
-        raise InvalidInputError(
-            f"opening of gripper {gripper.name}",
-            f"{gripper.max_opening_m:g} m, {opening_px:.3g} px of what the network sees",
-            f"{_LEAST_OPENING_PX:g} px or more: bring the camera of the recipe nearer, or enlarge "
-            "data.size of the experiment",
-        )
-    return _Job(
-        flags,
-        command,
-        gripper,
-        plans,
-        experiment,
-        _compared(flags.compare, experiment.network.channels),
-        choose_device(experiment),
-    )
-
-
-def _plans(flags: TrainForGripper, gripper: Gripper) -> dict[str, GenerationPlan]:
-    from graspmap.generation.recipe import load_recipe
-
-    plans = load_recipe(flags.recipe, gripper=gripper, scenes=flags.scenes)
-    if set(plans) != set(PARTS):
-        found = f"one with the parts {', '.join(plans)}"
-        raise InvalidInputError("--recipe", found, f"one with {', '.join(PARTS)}")
-    shift = _SEEDS_APART * flags.seed
-    return {name: replace(plans[name], seed=plans[name].seed + shift) for name in PARTS}
-
-
-def _experiment(flags: TrainForGripper, gripper: Gripper) -> Experiment:
-    """The experiment with the data, and what the flags change of it."""
-    from graspmap.reproduction.table_file import experiments_folder
-    from graspmap.training import read_experiment
-
-    path = flags.experiment or experiments_folder() / "stereo.yaml"
-    depth = read_experiment(path).data.depth
-    sources = {name: f"jacquard:{flags.out.resolve() / 'data' / name}" for name in PARTS}
-    values: dict[str, Any] = {
-        "name": f"gripper-{gripper.name}",
-        "seed": flags.seed,
-        "network.name": flags.network,
-        "network.channels": flags.channels,
-        "data.source": sources["train"],
-        "data.validation": {"source": sources["validation"], "depth": depth},
-        "data.test": {"source": sources["test"], "depth": depth},
-        "training.epochs": flags.epochs,
-        "training.device": flags.device,
-    }
-    given = {key: value for key, value in values.items() if value is not None}
-    experiment = read_experiment(path, given)
-    if experiment.network.channels == "rgb":
-        found = "one of colour alone"
-        raise InvalidInputError("--experiment", found, "one of depth or rgbd, or --channels")
-    return experiment
-
-
-def _compared(given: str | None, channels: str) -> Path | None:
-    """The weights to compare with; None: with nothing."""
-    from graspmap.inference import default_weights, read_card, weights_path
-
-    if given == NONE:
-        return None
-    if given is not None:
-        try:
-            path = weights_path(given)
-        except UnknownNameError as error:
-            raise UnknownNameError("--compare", given, [NONE, *error.choices]) from None
-        read_card(path)
-        return path
-    try:
-        path = default_weights(has_rgb=channels == "rgbd")
-        if read_card(path).channels == channels:
-            return path
-    except InvalidInputError:
-        pass
-    _LOG.info("no weights ship for %s: nothing to compare with (--compare W)", channels)
-    return None
-
-
-def _claim(job: _Job) -> None:
-    """Write the settings into a new folder, or see that the folder is of the same settings.
-
-    Raises:
-        FileError: It is of others, or holds something else.
-    """
-    from graspmap.files import read_text, write_text
-    from graspmap.generation.ledger import differences
-    from graspmap.training.setup import FREE_KEYS
-
-    path = job.flags.out / SETTINGS_FILE
-    plans = {name: plan.to_dict() for name, plan in job.plans.items()}
-    for plan in plans.values():
-        del plan["gripper"]
-    values = {
-        "format": _FORMAT,
-        "gripper": job.gripper.to_dict(),
-        "data": plans,
-        "experiment": {k: v for k, v in job.experiment.flat().items() if k not in FREE_KEYS},
-    }
-    text = json.dumps(values, indent=1) + "\n"
-    if path.is_file():
-        try:
-            before = json.loads(read_text(path))
-            known = before["format"] == _FORMAT
-        except (ValueError, KeyError, TypeError):
-            known = False
-        if not known:
-            raise FileFormatError(path, "is damaged, or of another version of graspmap", _ANEW)
-        found = differences(before, json.loads(text))
-        if found:
-            more = f" and {len(found) - 3} more" if len(found) > 3 else ""
-            words = "; ".join(found[:3]) + more
-            raise FileError(job.flags.out, f"was begun with other settings ({words})", _ANEW)
-        return
-    strange = sorted(entry.name for entry in job.flags.out.iterdir() if entry.name != ".lock")
-    if strange:
-        raise FileError(job.flags.out, f"holds something else ({strange[0]})", _ANEW)
-    write_text(path, text, durable=True)
-
-
-def _make_data(job: _Job) -> None:
+def _make_data(job: Job) -> None:
     from graspmap.cli.generate import make_data_set
 
     for name, plan in job.plans.items():
@@ -302,7 +41,7 @@ def _make_data(job: _Job) -> None:
         make_data_set(plan, job.part(name), workers=job.flags.workers, tell=job.tell)
 
 
-def _train(job: _Job) -> None:
+def _train(job: Job) -> None:
     from graspmap.cli.train import train_network
 
     values = job.experiment
@@ -313,7 +52,7 @@ def _train(job: _Job) -> None:
     train_network(values, job.trained, job.command, job.tell)
 
 
-def _calibrate(job: _Job) -> None:
+def _calibrate(job: Job) -> None:
     from graspmap.cli.trial_flags import TrialFlags
     from graspmap.cli.weights_calibrate import Calibrate, calibrate_weights
 
@@ -335,7 +74,7 @@ def _calibrate(job: _Job) -> None:
     )
 
 
-def _is_calibrated(job: _Job) -> bool:
+def _is_calibrated(job: Job) -> bool:
     """Whether the weights are those of the training, calibrated on these validation scenes."""
     from graspmap.data import read_scenes
     from graspmap.evaluation.cards import data_hash
@@ -352,7 +91,7 @@ def _is_calibrated(job: _Job) -> bool:
     ) and card.calibration.data_hash == data_hash(read_scenes(job.source("validation")))
 
 
-def _evaluate(job: _Job) -> dict[str, Path]:
+def _evaluate(job: Job) -> dict[str, Path]:
     """The folders of the reports: ``own``, and ``compared`` where there is something to compare."""
     from graspmap.cli.evaluate import Evaluate, measure
     from graspmap.cli.trial_flags import TrialFlags
@@ -385,7 +124,7 @@ def _evaluate(job: _Job) -> dict[str, Path]:
     return {name: folder for name, (_, folder) in todo.items()}
 
 
-def _is_evaluated(job: _Job, weights: Path, folder: Path) -> bool:
+def _is_evaluated(job: Job, weights: Path, folder: Path) -> bool:
     """Whether a report is of these weights and of these test scenes."""
     from graspmap.data import read_scenes
     from graspmap.evaluation.cards import data_hash, evaluation_card
@@ -400,7 +139,7 @@ def _is_evaluated(job: _Job, weights: Path, folder: Path) -> bool:
     return card.data_hash == data_hash(read_scenes(job.source("test")))
 
 
-def _compare(job: _Job, folders: Mapping[str, Path]) -> Comparison | None:
+def _compare(job: Job, folders: Mapping[str, Path]) -> Comparison | None:
     from graspmap.cli.compare import Compare, compare
 
     if "compared" not in folders:
@@ -415,7 +154,7 @@ def _compare(job: _Job, folders: Mapping[str, Path]) -> Comparison | None:
 
 
 def _conclude(
-    job: _Job, folders: Mapping[str, Path], comparison: Comparison | None
+    job: Job, folders: Mapping[str, Path], comparison: Comparison | None
 ) -> dict[str, Any]:
     """The last words, and the same for machines."""
     from graspmap.evaluation.compare import best_trials
@@ -449,7 +188,7 @@ def _conclude(
     return {"gripper": job.gripper.name, "weights": str(job.weights), "detect": line, **found}
 
 
-def _difference(job: _Job, comparison: Comparison) -> dict[str, Any]:
+def _difference(job: Job, comparison: Comparison) -> dict[str, Any]:
     (pair,) = (pair for pair in comparison.pairs if pair.measure == "held")
     low, high = pair.result.interval
     verdict = "not decided by so few scenes: it may be chance"
@@ -466,7 +205,7 @@ def _difference(job: _Job, comparison: Comparison) -> dict[str, Any]:
     return {**pair.to_dict(), "page": str(page)}
 
 
-def _detect_words(job: _Job) -> list[str]:
+def _detect_words(job: Job) -> list[str]:
     pictures = ["--depth", "depth.tiff", "--camera", "camera.json"]
     if job.experiment.network.channels == "rgbd":
         pictures = ["--rgb", "colour.png", *pictures]
