@@ -16,11 +16,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspmap.data._input_kernel import normalise_depth, normalise_rgb
 from graspmap.data.files import FARTHEST_M, metres
+from graspmap.data.table_depth import table_depth
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.geometry import affine
 
 Channels = Literal["depth", "rgb", "rgbd"]
 """What a network sees; ``rgbd`` is depth, red, green, blue."""
+
+DepthZero = Literal["mean", "table"]
+"""What depth is measured from: its mean over the input, or the table, see `to_input`."""
 
 View = Literal["contain", "cover"] | int
 """Which centre square of a picture is used: all of it, the largest inside it, or a side in px."""
@@ -246,11 +250,13 @@ def to_input(
     channels: str,
     matrix: ArrayLike,
     size: int,
+    *,
+    depth_zero: DepthZero = "mean",
 ) -> Depth:
     """What a network sees of a scene.
 
-    Depth: holes filled, its mean subtracted, clipped to [-1, 1] metres. Colour: divided by 255,
-    its one mean over all three channels subtracted. Both means are of the input, after the warp.
+    Depth: holes filled, its zero subtracted, clipped to [-1, 1] metres. Colour: divided by 255,
+    its one mean over all three channels subtracted. Means are of the input, after the warp.
 
     Args:
         rgb: (H, W, 3) uint8, or None.
@@ -258,6 +264,9 @@ def to_input(
         channels: ``depth``, ``rgb`` or ``rgbd``.
         matrix: (3, 3) map from the picture to the input frame.
         size: Side of the input, pixels.
+        depth_zero: ``mean`` subtracts the mean of the depth, as published. ``table`` subtracts
+            that of the table behind each pixel (`table_depth`, of the whole picture): a tilted
+            camera then shows what a level one does, and objects do not drown in the tilt.
 
     Returns:
         (C, size, size) float32, contiguous; the order is depth, red, green, blue.
@@ -271,8 +280,14 @@ def to_input(
     shape = _check_size(size)
     result = np.empty((count, *shape), np.float32)
     if channels != "rgb":
-        warped = warp_depth(_need(depth, "depth", channels, np.float32, 2), m, shape)
-        normalise_depth(warped, result[0])
+        metres_seen = _need(depth, "depth", channels, np.float32, 2)
+        if depth_zero == "table":
+            risen = warp_depth(metres_seen - table_depth(metres_seen), m, shape)
+            np.clip(risen, -1, 1, out=result[0])
+        elif depth_zero == "mean":
+            normalise_depth(warp_depth(metres_seen, m, shape), result[0])
+        else:
+            raise UnknownNameError("zero of the depth", str(depth_zero), get_args(DepthZero))
     if channels != "depth":
         picture = _need(rgb, "rgb", channels, np.uint8, 3)
         if depth is not None and channels == "rgbd" and depth.shape != picture.shape[:2]:

@@ -240,7 +240,9 @@ class Detector:
             matrix = region_window(_check_region(region, shape), size)
         else:
             matrix = input_window(shape, size, view=self.card.view)
-        inputs = to_input(rgb, depth, self.card.channels, matrix, size)
+        inputs = to_input(
+            rgb, depth, self.card.channels, matrix, size, depth_zero=self.card.depth_zero
+        )
         return Prepared(inputs, matrix, _allowed(shape, region, mask, matrix, size), depth)
 
     def decode(

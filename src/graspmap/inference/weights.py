@@ -18,7 +18,7 @@ from safetensors import SafetensorError
 from torch import Tensor
 
 from graspmap import __version__
-from graspmap.data.images import Channels, channel_count
+from graspmap.data.images import Channels, DepthZero, channel_count
 from graspmap.errors import (
     FileFormatError,
     GraspmapError,
@@ -95,6 +95,7 @@ class WeightsCard(BaseModel):
         size: Side of the square input, pixels.
         view: Centre square of a picture that fills the input: ``contain``, ``cover``, or a side
             in pixels.
+        depth_zero: What its depth is measured from, see `graspmap.data.to_input`.
         width_scale_px: Opening in input pixels for which the width map is 1.
         data: What it was trained on, where known.
         metrics: Measured figures of the training by name.
@@ -117,6 +118,7 @@ class WeightsCard(BaseModel):
     filters: int | None = Field(default=None, ge=1, le=MOST_FILTERS)
     size: int = Field(default=300, ge=1, le=MOST_PX)
     view: View = "cover"
+    depth_zero: DepthZero = "mean"
     width_scale_px: float = Field(gt=0, allow_inf_nan=False)
     data: DataCard | None = None
     metrics: dict[str, JsonValue] = Field(default_factory=dict)

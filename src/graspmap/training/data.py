@@ -138,6 +138,7 @@ class Samples(Dataset[dict[str, NDArray[Any]]]):
             seen=None if self.experiment.network.channels == "rgb" else sample["input"][:1],
             label=None if category is None else category.labels,
             classes=self.classes,
+            depth_zero=self.experiment.data.depth_zero,
         )
         sample = {**sample, **truth, "index": np.array(draw.scene)}
         crop = self.experiment.data.augment.crop
@@ -167,7 +168,14 @@ def make_sample(
         ``input`` (C, S, S) and ``target`` (4, N, S, S), float32.
     """
     size, maps = experiment.data.size, experiment.maps
-    picture = to_input(scene.rgb, scene.depth, experiment.network.channels, matrix, size)
+    picture = to_input(
+        scene.rgb,
+        scene.depth,
+        experiment.network.channels,
+        matrix,
+        size,
+        depth_zero=experiment.data.depth_zero,
+    )
     labels = Grasps.empty() if scene.grasps is None else smallest_jaws(scene.grasps)
     target = draw_maps(
         labels.transformed(matrix),

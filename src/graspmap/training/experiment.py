@@ -220,6 +220,8 @@ class DataSection(_Section):
         source: ``kind:directory``; a relative directory is seen from the working directory.
         depth: Which of the depths that the kind offers, or null for its default.
         size: Side of the input, pixels.
+        depth_zero: What depth is measured from: ``"mean"``, its mean as published, or
+            ``"table"``, the table's behind each pixel; see `graspmap.data.to_input`.
         view: Centre window of the picture that fills the input: its longer side
             (``"contain"``), its shorter side (``"cover"``), or so many pixels.
         split: See `SplitSection`.
@@ -233,6 +235,7 @@ class DataSection(_Section):
     source: str
     depth: Literal["perfect", "stereo", "z", "range"] | None = None
     size: Annotated[int, Field(ge=16, le=4096)] = 300
+    depth_zero: Literal["mean", "table"] = "mean"
     view: View = "contain"
     split: SplitSection = SplitSection()
     augment: AugmentSection = AugmentSection()

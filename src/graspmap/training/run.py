@@ -211,6 +211,7 @@ def _finish(
         bins=experiment.network.bins,
         size=values.size,
         view=values.view,
+        depth_zero=values.depth_zero,
         tasks=network.tasks,
         filters=experiment.network.filters,
         width_scale_px=setup.width_scale_px,

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspmap.data import Scene, Store, to_input, warp
+from graspmap.data.images import DepthZero
 from graspmap.errors import InvalidInputError
 from graspmap.losses import UNKNOWN, Targets
 from graspmap.maps import GraspMaps
@@ -27,6 +28,7 @@ def task_targets(
     seen: NDArray[np.float32] | None = None,
     label: str | None = None,
     classes: Sequence[str] = (),
+    depth_zero: DepthZero = "mean",
 ) -> dict[str, NDArray[Any]]:
     """The truth of a scene on some tasks; one matrix moves it as it moves picture and grasps.
 
@@ -42,6 +44,7 @@ def task_targets(
         seen: (1, S, S) the moved depth as the network sees it, where it does.
         label: Which of the scene's labels is its class.
         classes: All classes.
+        depth_zero: What depth is measured from, where the network does not see it.
 
     Returns:
         Of ``saliency``: ``mask`` and ``inside``, of ``depth``: ``depth`` (as the depth input of a
@@ -67,7 +70,9 @@ def task_targets(
         measured = store.measured(index)
         known = inside if measured is None else inside & warp(measured, matrix, size, fill=False)
         if seen is None:
-            seen = to_input(None, _need(scene, "depth"), "depth", matrix, size)
+            seen = to_input(
+                None, _need(scene, "depth"), "depth", matrix, size, depth_zero=depth_zero
+            )
         found |= {"depth": seen, "depth_known": known[None]}
     return found
 
