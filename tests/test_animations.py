@@ -154,7 +154,9 @@ def test_fingers_that_touch_turn_red(tried):
 def test_what_is_shown(tried, outcome, phases):
     _, gripper, recording = recorded(tried, outcome)
     shown = moments(recording, gripper)
-    assert list(dict.fromkeys(moment.phase for moment in shown)) == phases
+    seen = list(dict.fromkeys(moment.phase for moment in shown))
+    # What does not hang still during the lift is held for a while after it.
+    assert [phase for phase in seen if phase != "hold" or outcome != "held"] == phases
     down = [moment.tips_m for moment in shown if moment.phase == "descend"]
     assert (np.diff(down) < 0).all()  # nothing jumps up on the way down
     openings = [moment.fingers_m[1] - moment.fingers_m[0] for moment in shown]

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from multiprocessing import active_children
 from pathlib import Path
@@ -190,18 +190,20 @@ def test_killed_at_any_moment_it_goes_on_to_the_same_bytes(made, tmp_path):
             [sys.executable, "-m", "graspmap.cli", *flags],
             stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True,
         )  # fmt: skip
-        wait_for((tmp_path / "unfinished.jsonl").exists)
+        # A quick machine has finished, in this round or the one before.
+        wait_for(lambda run=run: (tmp_path / "unfinished.jsonl").exists() or run.poll() is not None)
         time.sleep(rng.uniform(0, 3))
-        (os.killpg if everybody else os.kill)(run.pid, number)
+        with suppress(ProcessLookupError):
+            (os.killpg if everybody else os.kill)(run.pid, number)
         words = run.communicate()[1]
-        if everybody and run.returncode != 0:  # 0: a quick machine had finished
+        if everybody and run.returncode != 0:
             assert run.returncode == 130
             assert words.splitlines()[-1] == "graspmap: stopped; finished work is kept"
             assert "Traceback" not in words
         wait_for(lambda group=run.pid: not alive(group))  # workers end with their parent
-    kills = []
+    kills, whole = [], (tmp_path / "manifest.json").exists()
     generate(PLAN, tmp_path, workers=2, progress=lambda _: kill_context(kills))
-    assert len(kills) == 1
+    assert whole or len(kills) == 1
     assert snapshot(tmp_path) == snapshot(made)
 
 
