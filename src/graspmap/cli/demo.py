@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -21,7 +21,7 @@ from graspmap.cli.progress import progress
 
 if TYPE_CHECKING:
     from graspmap.data import Scenes
-    from graspmap.evaluation import Exhibit, TrialEvaluation, TriedGrasp
+    from graspmap.evaluation import TrialEvaluation, TriedGrasp
     from graspmap.inference import Detection, Detector
 
 PICTURE_FILE = "demo.png"
@@ -63,7 +63,12 @@ def run(argv: Sequence[str]) -> int:
     output_file(flags.json, "--json", keep=[flags.weights])
     tell = teller(flags.json)
     from graspmap.data import JacquardScenes, example_scenes
-    from graspmap.evaluation.report.demo_page import JSON_FILE, demo_picture, write_demo
+    from graspmap.evaluation.report.demo_page import (
+        JSON_FILE,
+        demo_picture,
+        make_exhibit,
+        write_demo,
+    )
     from graspmap.inference import Detector, default_weights, weights_path
 
     weights = default_weights() if flags.weights is None else weights_path(flags.weights)
@@ -73,9 +78,20 @@ def run(argv: Sequence[str]) -> int:
     found = _detect(detector, scenes, flags.top)
     result = _try(found, flags.top)
     # Other libraries may make another object of a record: that scene is told, and left out.
-    scenes = scenes.subset(list(_by_scene(result)))
+    tried = _by_scene(result)
+    scenes = scenes.subset(list(tried))
     calibrated = detector.card.calibration is not None
-    exhibits = _exhibits(flags, scenes, found, result, calibrated)
+    films = _films(scenes, tried, result) if flags.animate else {}
+    exhibits = [
+        make_exhibit(
+            scene,
+            found[scene.id],
+            tried[scene.id],
+            calibrated=calibrated,
+            film=films.get(scene.id),
+        )
+        for scene in scenes
+    ]
     summary: dict[str, Any] = {
         "weights": weights.stem,
         "depth": flags.depth,
@@ -89,7 +105,7 @@ def run(argv: Sequence[str]) -> int:
     write_picture(flags.out / PICTURE_FILE, demo_picture(exhibits, total))
     summary["page"] = str(write_demo(flags.out, summary, exhibits))
     write_json(summary, flags.out / JSON_FILE)
-    _tell(flags, scenes, result, calibrated)
+    _tell(tell, scenes, tried, calibrated)
     tell(total)
     if len(summary["trials"]["one_of_first"]) > 1:
         tell(f"  {_one_of_first(summary['trials'])}")
@@ -128,31 +144,20 @@ def _try(found: Mapping[str, Detection], top: int) -> TrialEvaluation:
         )
 
 
-def _exhibits(
-    flags: Demo,
-    scenes: Scenes,
-    found: Mapping[str, Detection],
-    result: TrialEvaluation,
-    calibrated: bool,
-) -> list[Exhibit]:
+def _films(
+    scenes: Scenes, tried: Mapping[str, Sequence[TriedGrasp]], result: TrialEvaluation
+) -> dict[str, bytes]:
+    """A film of the best grasp's trial, by scene; none where no grasp was tried."""
     from graspmap.evaluation.animations import film_of
-    from graspmap.evaluation.report.demo_page import make_exhibit
 
-    tried = _by_scene(result)
-    exhibits = []
-    with progress("filming" if flags.animate else "drawing") as update:
-        for scene in scenes:
-            best = tried[scene.id][0]
-            film = None
-            if flags.animate and best.placed is not None:
-                film = film_of(result, scenes, best, best.placed)
-            exhibits.append(
-                make_exhibit(
-                    scene, found[scene.id], tried[scene.id], calibrated=calibrated, film=film
-                )
-            )
-            update(len(exhibits), len(scenes))
-    return exhibits
+    films = {}
+    with progress("filming") as update:
+        for number, name in enumerate(scenes.ids, start=1):
+            best = tried[name][0]
+            if best.placed is not None:
+                films[name] = film_of(result, scenes, best, best.placed)
+            update(number, len(scenes))
+    return films
 
 
 def _by_scene(result: TrialEvaluation) -> dict[str, list[TriedGrasp]]:
@@ -162,13 +167,16 @@ def _by_scene(result: TrialEvaluation) -> dict[str, list[TriedGrasp]]:
     return tried
 
 
-def _tell(flags: Demo, scenes: Scenes, result: TrialEvaluation, calibrated: bool) -> None:
+def _tell(
+    tell: Callable[[str], None],
+    scenes: Scenes,
+    tried: Mapping[str, Sequence[TriedGrasp]],
+    calibrated: bool,
+) -> None:
     """A line a grasp."""
     from graspmap.evaluation.report.demo_page import name_of
 
-    tell = teller(flags.json)
     word = "probability" if calibrated else "quality"
-    tried = _by_scene(result)
     for scene in scenes:
         name = name_of(scene)
         for trial in tried[scene.id]:

@@ -119,19 +119,22 @@ class Samples(Dataset[dict[str, NDArray[Any]]]):
 
     def __getitem__(self, draw: Draw) -> dict[str, NDArray[Any]]:
         """``input`` (C, S, S), ``target`` (4, N, S, S), ``index`` and the truth of the tasks."""
-        scene = self.store[draw.scene]
-        matrix = np.eye(3)
-        rng = np.random.default_rng(
-            (self.experiment.seed, _MOVE, max(draw.epoch, 0), draw.position)
-        )
-        if draw.epoch >= 0:
-            matrix = augmentation(self.experiment).draw(rng, self.experiment.data.size)
+        if draw.epoch < 0:
+            return self._sample(draw.scene, np.eye(3))
+        rng = np.random.default_rng((self.experiment.seed, _MOVE, draw.epoch, draw.position))
+        matrix = augmentation(self.experiment).draw(rng, self.experiment.data.size)
+        sample, crop = self._sample(draw.scene, matrix), self.experiment.data.augment.crop
+        return sample if crop is None else crop_sample(sample, crop, rng)
+
+    def _sample(self, index: int, matrix: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+        """A whole picture, moved, with everything that is true of it."""
+        scene = self.store[index]
         sample = make_sample(scene, matrix, self.experiment, self.width_scale_px)
         category = self.experiment.tasks.category
         truth = task_targets(
             self.tasks,
             self.store,
-            draw.scene,
+            index,
             matrix,
             scene=scene,
             # Depth comes first in the input.
@@ -140,9 +143,7 @@ class Samples(Dataset[dict[str, NDArray[Any]]]):
             classes=self.classes,
             depth_zero=self.experiment.data.depth_zero,
         )
-        sample = {**sample, **truth, "index": np.array(draw.scene)}
-        crop = self.experiment.data.augment.crop
-        return sample if crop is None or draw.epoch < 0 else crop_sample(sample, crop, rng)
+        return {**sample, **truth, "index": np.array(index)}
 
 
 def augmentation(experiment: Experiment) -> Augmentation:
