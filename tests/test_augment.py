@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from graspmap.data import images
+from graspmap.data import images, input_window
 from graspmap.data.augment import NONE, PUBLISHED, Augmentation
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.geometry import affine
@@ -47,7 +47,7 @@ def test_scene_and_grasps_move_together(augmentation, seed, shape, angle):
     y, x = np.mgrid[: shape[0], : shape[1]].astype(float)
     image = np.clip(0.5 - signed_distance(grasp, x, y), 0, 1).astype(np.float32)
     matrix = augmentation.draw(np.random.default_rng(seed), size)
-    matrix = matrix @ images.input_window(shape, size)
+    matrix = matrix @ input_window(shape, size)
     result = images.warp(image, matrix, size, fill=0)
     y, x = np.mgrid[:size, :size].astype(float)
     expected = signed_distance(grasp.transformed(matrix), x, y)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from graspmap.data import images
+from graspmap.data import images, input_window, region_window
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.geometry import affine
 from graspmap.geometry.grasps import Grasps
@@ -141,7 +141,7 @@ def test_warp_of_a_fine_pattern_does_not_alias():
     y, x = np.mgrid[:1024, :1024]
     board = ((x + y) % 2).astype(np.float32)
     for size in (300, 320, 100):
-        result = images.warp(board, images.input_window(board.shape, size), size)
+        result = images.warp(board, input_window(board.shape, size), size)
         assert abs(result - 0.5).max() < 1e-6
 
 
@@ -265,7 +265,7 @@ def test_depth_of_users_is_refused(depth, message):
     view=st.one_of(st.sampled_from(["contain", "cover"]), st.integers(1, 3000)),
 )
 def test_input_window_shows_the_centre_square(rows, columns, size, view):
-    matrix = images.input_window((rows, columns), size, view=view)
+    matrix = input_window((rows, columns), size, view=view)
     side = {"contain": max(rows, columns), "cover": min(rows, columns)}.get(view, view)
     edges = affine.apply(np.linalg.inv(matrix), [[-0.5, -0.5], [size - 0.5, size - 0.5]])
     np.testing.assert_allclose(edges[1] - edges[0], side)
@@ -276,12 +276,12 @@ def test_input_window_shows_the_centre_square(rows, columns, size, view):
 
 def test_input_window_of_the_same_size_is_a_crop():
     np.testing.assert_allclose(
-        images.input_window((480, 640), 300, view=300), affine.crop(170, 90), atol=1e-12
+        input_window((480, 640), 300, view=300), affine.crop(170, 90), atol=1e-12
     )
 
 
 def test_region_window():
-    matrix = images.region_window((100, 50, 40, 80), 160)
+    matrix = region_window((100, 50, 40, 80), 160)
     corners = affine.apply(matrix, [[99.5, 49.5], [139.5, 129.5]])
     np.testing.assert_allclose(corners, [[39.5, -0.5], [119.5, 159.5]])
 
@@ -289,13 +289,13 @@ def test_region_window():
 @pytest.mark.parametrize("view", ["fill", 0, -3, True, 2.5])
 def test_input_window_refuses(view):
     with pytest.raises(InvalidInputError, match="contain"):
-        images.input_window((10, 10), 5, view=view)
+        input_window((10, 10), 5, view=view)
 
 
 @pytest.mark.parametrize("region", [(0, 0, 0, 5), (0, 0, 5, -1), (0, 0, 5), (0, math.nan, 5, 5)])
 def test_region_window_refuses(region):
     with pytest.raises(InvalidInputError, match="region"):
-        images.region_window(region, 5)
+        region_window(region, 5)
 
 
 # The input of a network
@@ -319,7 +319,7 @@ def test_input_is_what_the_formula_says():
 @pytest.mark.parametrize("channels", ["depth", "rgb", "rgbd"])
 def test_channel_counts(channels):
     rgb, depth = np.zeros((8, 9, 3), np.uint8), np.ones((8, 9), np.float32)
-    matrix = images.input_window((8, 9), 5)
+    matrix = input_window((8, 9), 5)
     x = images.to_input(rgb, depth, channels, matrix, 5)
     assert x.shape == (images.channel_count(channels), 5, 5)
 
@@ -348,7 +348,7 @@ def test_input_of_real_pictures(data_dir):
     from graspmap.data import read_scenes
 
     scene = read_scenes(f"jacquard:{data_dir / 'jacquard'}", depth="stereo").read(0)
-    matrix = images.input_window(scene.shape, 300)
+    matrix = input_window(scene.shape, 300)
     x = images.to_input(scene.rgb, scene.depth, "rgbd", matrix, 300)
     assert np.isfinite(x).all()
     full = images.warp(images.fill_depth(scene.depth), matrix, 300)

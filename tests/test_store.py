@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from graspmap.data import images, store
+from graspmap.data import images, input_window, store
 from graspmap.data.fingerprint import FileHashes, scenes_key
 from graspmap.data.jacquard import jacquard_pose
 from graspmap.data.scene import Scene, Scenes
@@ -98,7 +98,7 @@ def test_what_goes_in_comes_out(scenes, tmp_path):
     assert packed.ids == scenes.ids
     assert packed.size == SIZE
     for i, (source, scene) in enumerate(zip(scenes, packed, strict=True)):
-        matrix = images.input_window((40, 60), SIZE)
+        matrix = input_window((40, 60), SIZE)
         np.testing.assert_array_equal(packed.matrix(i), matrix)
         # 60 x 40 px in a square: a sixth of the rows above and below is repeated border.
         np.testing.assert_array_equal(

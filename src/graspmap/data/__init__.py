@@ -19,8 +19,6 @@ if TYPE_CHECKING:
         channel_count,
         check_depth_m,
         fill_depth,
-        input_window,
-        region_window,
         to_input,
         warp,
     )
@@ -36,6 +34,7 @@ if TYPE_CHECKING:
     from graspmap.data.scene import Scene, Scenes
     from graspmap.data.split import Split, make_folds, make_split, read_split
     from graspmap.data.store import Store, open_store
+    from graspmap.data.windows import input_window, region_window
 
 __all__ = [
     "JACQUARD_SIDE_PX",
@@ -89,7 +88,7 @@ _HOME = {
     "cornell_labels": "appendix",
     "example_scenes": "examples",
     "fill_depth": "images",
-    "input_window": "images",
+    "input_window": "windows",
     "limit_objects": "limit",
     "make_folds": "split",
     "make_split": "split",
@@ -97,7 +96,7 @@ _HOME = {
     "read_predictions": "jacquard_predictions",
     "read_scenes": "kinds",
     "read_split": "split",
-    "region_window": "images",
+    "region_window": "windows",
     "smallest_jaws": "jacquard_labels",
     "to_input": "images",
     "warp": "images",

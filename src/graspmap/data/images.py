@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspmap.data._input_kernel import normalise_depth, normalise_rgb
 from graspmap.data.files import FARTHEST_M, metres
-from graspmap.data.table_depth import table_depth
+from graspmap.data.table import Table, find_table
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.geometry import affine
 
@@ -26,14 +26,13 @@ Channels = Literal["depth", "rgb", "rgbd"]
 DepthZero = Literal["mean", "table"]
 """What depth is measured from: its mean over the input, or the table, see `to_input`."""
 
-View = Literal["contain", "cover"] | int
-"""Which centre square of a picture is used: all of it, the largest inside it, or a side in px."""
-
 Floats = NDArray[np.float64]
 Depth = NDArray[np.float32]
 Image = TypeVar("Image", bound=NDArray[Any])
 
 _COUNT: dict[str, int] = {"depth": 1, "rgb": 3, "rgbd": 4}
+_TABLE_UNIT_M = 0.05  # a network without normalisation learns from numbers of about 1
+_MOST_RISE = 4.0
 _MOST_HOLES = 40_000  # pixels filled at full resolution: about 10 ms
 
 
@@ -134,46 +133,6 @@ def _fill(depth_m: Depth, holes: NDArray[np.bool_]) -> Depth:
     return known
 
 
-def input_window(shape: tuple[int, int], size: int, *, view: View = "contain") -> Floats:
-    """(3, 3) map of the centre square of a picture onto size x size pixels.
-
-    Args:
-        shape: (rows, columns) of the picture.
-        size: Side of the input, pixels.
-        view: ``contain``: the square's side is the picture's longer side, so nothing is lost;
-            ``cover``: the shorter side, so nothing is added; a number: that many pixels.
-
-    Raises:
-        InvalidInputError: A size is not positive or the view is none of these.
-    """
-    rows, columns = shape
-    named = {"contain": max(rows, columns), "cover": min(rows, columns)}
-    side = named.get(view, view) if isinstance(view, str) else view
-    if not isinstance(side, int) or isinstance(side, bool) or side <= 0:
-        raise InvalidInputError("view", repr(view), "'contain', 'cover' or a side in pixels, > 0")
-    # Whole pixels: a window of the input's own size is then cut out without resampling.
-    return affine.window((columns - side) // 2, (rows - side) // 2, side, size)
-
-
-def region_window(region_xywh: tuple[float, float, float, float], size: int) -> Floats:
-    """(3, 3) map of the square around a region of interest onto size x size pixels.
-
-    Args:
-        region_xywh: First column x, first row y, width and height of the region, pixels. The
-            square has the longer side and the same centre.
-        size: Side of the input, pixels.
-
-    Raises:
-        InvalidInputError: Not four finite numbers, or a width or height that is not positive.
-    """
-    numbers = tuple(float(v) for v in region_xywh)
-    if len(numbers) != 4 or not all(map(math.isfinite, numbers)) or min(numbers[2:]) <= 0:
-        raise InvalidInputError("region", region_xywh, "x, y, width, height with sizes above 0")
-    x, y, width, height = numbers
-    side = max(width, height)
-    return affine.window(x + (width - side) / 2, y + (height - side) / 2, side, size)
-
-
 def warp(
     image: Image, matrix: ArrayLike, size: int | tuple[int, int], *, fill: float | None = None
 ) -> Image:
@@ -252,11 +211,12 @@ def to_input(
     size: int,
     *,
     depth_zero: DepthZero = "mean",
+    table: Table | None = None,
 ) -> Depth:
     """What a network sees of a scene.
 
-    Depth: holes filled, its zero subtracted, clipped to [-1, 1] metres. Colour: divided by 255,
-    its one mean over all three channels subtracted. Means are of the input, after the warp.
+    Depth: holes filled, its zero subtracted, clipped. Colour: divided by 255, its one mean over all
+    three channels subtracted. Means are of the input, after the warp.
 
     Args:
         rgb: (H, W, 3) uint8, or None.
@@ -264,9 +224,11 @@ def to_input(
         channels: ``depth``, ``rgb`` or ``rgbd``.
         matrix: (3, 3) map from the picture to the input frame.
         size: Side of the input, pixels.
-        depth_zero: ``mean`` subtracts the mean of the depth, as published. ``table`` subtracts
-            that of the table behind each pixel (`table_depth`, of the whole picture): a tilted
-            camera then shows what a level one does, and objects do not drown in the tilt.
+        depth_zero: ``mean`` subtracts the mean of the depth and clips to [-1, 1] metres, as
+            published. ``table`` subtracts the depth of the table behind each pixel, in units of
+            5 cm, clipped to [-4, 4]: a tilted camera then shows what a level one does, objects do
+            not drown in the tilt, and flat ones are no numbers near nothing.
+        table: The table behind the picture, where it was found already (`find_table`).
 
     Returns:
         (C, size, size) float32, contiguous; the order is depth, red, green, blue.
@@ -282,8 +244,9 @@ def to_input(
     if channels != "rgb":
         metres_seen = _need(depth, "depth", channels, np.float32, 2)
         if depth_zero == "table":
-            risen = warp_depth(metres_seen - table_depth(metres_seen), m, shape)
-            np.clip(risen, -1, 1, out=result[0])
+            table = find_table(metres_seen) if table is None else table
+            risen = warp_depth(metres_seen - table.depth_m(metres_seen.shape), m, shape)
+            np.clip(risen / _TABLE_UNIT_M, -_MOST_RISE, _MOST_RISE, out=result[0])
         elif depth_zero == "mean":
             normalise_depth(warp_depth(metres_seen, m, shape), result[0])
         else:

@@ -29,6 +29,8 @@ from numpy.typing import NDArray
 from graspmap.data import images
 from graspmap.data.fingerprint import FileHashes, scenes_key
 from graspmap.data.scene import Mask, Scene, Scenes
+from graspmap.data.table import Table, find_table
+from graspmap.data.windows import View, close_up_m, input_window
 from graspmap.errors import FileError, GraspmapError, InvalidInputError, storage_errors
 from graspmap.files import write_text
 from graspmap.geometry.camera import Camera
@@ -39,7 +41,7 @@ from graspmap.geometry.transforms import RigidTransform
 fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 
 _LOG = logging.getLogger(__name__)
-_VERSION = 4  # counts up whenever the same sources would give other bytes
+_VERSION = 5  # counts up whenever the same sources would give other bytes
 _META = "store.json"
 _PICTURES: dict[str, tuple[Any, tuple[int, ...]]] = {
     "rgb": (np.uint8, (3,)),
@@ -105,6 +107,11 @@ class Store(Scenes):
         """
         found = self._meta["scenes"][index]["measured"]
         return self._arrays["measured"][index] if found else None
+
+    def table(self, index: int) -> Table | None:
+        """The table behind the input of scene ``index``; None without depth."""
+        numbers = self._meta["scenes"][index]["table"]
+        return None if numbers is None else Table(np.array(numbers[:3]), tuple(numbers[3:]))
 
     def shape(self, index: int) -> tuple[int, int]:
         """(rows, columns) of the picture of scene ``index`` before it was packed."""
@@ -173,7 +180,7 @@ def open_store(
     folder: Path | str,
     *,
     size: int,
-    view: images.View = "contain",
+    view: View = "contain",
     progress: Progress | None = None,
     workers: int | None = None,
 ) -> Store:
@@ -186,7 +193,7 @@ def open_store(
         scenes: What to pack.
         folder: Where stores are kept, for any number of data sets and settings.
         size: Side of the input, pixels.
-        view: Which square of a picture is used, see `graspmap.data.images.input_window`.
+        view: Which square of a picture is used, see `graspmap.data.windows.input_window`.
         progress: Called after each scene while building.
         workers: Threads that read scenes while building; None for one per processor, at most 8.
 
@@ -201,7 +208,7 @@ def open_store(
     """
     if not len(scenes):
         raise InvalidInputError("scenes to pack", "none", "at least one")
-    images.input_window((1, 1), size, view=view)  # complains before any work is done
+    close_up_m(view)  # complains before any work is done
     folder = Path(folder)
     with storage_errors(folder):
         try:
@@ -244,7 +251,7 @@ class _Packed:
 class _Builder:
     """Writes one store, beside its place until it is whole."""
 
-    def __init__(self, scenes: Scenes, place: Path, size: int, view: images.View) -> None:
+    def __init__(self, scenes: Scenes, place: Path, size: int, view: View) -> None:
         self._scenes, self._place, self._size, self._view = scenes, place, size, view
         self._part = place.with_name(f"{place.name}.part-{os.getpid()}")
         self._arrays: dict[str, NDArray[Any]] = {}
@@ -322,8 +329,16 @@ class _Builder:
 
     def _pack(self, index: int) -> _Packed:
         scene = self._scenes.read(index)
-        matrix = images.input_window(scene.shape, self._size, view=self._view)
+        try:
+            matrix = input_window(
+                scene.shape, self._size, view=self._view, depth_m=scene.depth, camera=scene.camera
+            )
+        except InvalidInputError as error:
+            raise InvalidInputError(
+                f"{error.name} of scene {scene.id}", error.found, error.allowed
+            ) from error
         pictures: dict[str, NDArray[Any]] = {}
+        table: Table | None = None
         if scene.rgb is not None:
             pictures["rgb"] = images.warp(scene.rgb, matrix, self._size)
         if scene.mask is not None:
@@ -335,6 +350,7 @@ class _Builder:
                 raise InvalidInputError(
                     f"depth of scene {scene.id}", error.found, error.allowed
                 ) from error
+            table = find_table(scene.depth).transformed(matrix)
             measured = np.isfinite(scene.depth)
             if not measured.all():
                 share = images.warp(measured.astype(np.float32), matrix, self._size)
@@ -350,6 +366,7 @@ class _Builder:
         pose = scene.T_world_camera
         facts["T_world_camera"] = None if pose is None else pose.matrix.tolist()
         facts["shape"] = scene.shape
+        facts["table"] = None if table is None else [*table.plane.tolist(), *table.box]
         labels = {name: _rows(value, matrix) for name, value in grasps.items()}
         return _Packed(pictures, labels, matrix, facts)
 

@@ -22,7 +22,7 @@ from graspmap.data.scene import Depth, Rgb, Scene, Scenes
 from graspmap.errors import InvalidInputError
 from graspmap.evaluation.judge import Cluster, Jaw, Judge, Progress
 from graspmap.evaluation.results import Evaluation
-from graspmap.evaluation.views import look
+from graspmap.evaluation.views import Seen, look
 from graspmap.geometry.affine import resize
 from graspmap.geometry.grasps import Grasps
 from graspmap.gripper import Gripper
@@ -203,10 +203,7 @@ def detect_in(
     """
     scene = scenes.read(index)
     options: dict[str, Any] = {"top": top, "method": method}
-    if gripper is not None and scene.camera is not None and scene.depth is not None:
-        known = signature(detector.detect).parameters
-        if "camera" in known and "gripper" in known:
-            options |= {"camera": scene.camera, "gripper": gripper}
+    options |= camera_options(detector, scene, gripper)
     with _scene_named(scene.id, scenes):
         return detector.detect(scene.rgb, scene.depth, **options).grasps
 
@@ -222,10 +219,22 @@ def _detect(
 ) -> Grasps:
     """What a detector finds in a scene under a protocol, pixels of the whole picture."""
     seen = look(scene, protocol.view, np.random.default_rng((seed, index)))
+    options = {"top": top, "method": protocol.decoding, **camera_options(detector, seen)}
     with _scene_named(scene.id, scenes):
-        found = detector.detect(seen.rgb, seen.depth, top=top, method=protocol.decoding)
+        found = detector.detect(seen.rgb, seen.depth, **options)
     # Whole pictures stay as they are, to the last bit.
     return found.grasps if protocol.view == "whole" else found.grasps.transformed(seen.matrix)
+
+
+def camera_options(
+    detector: GraspDetector, seen: Scene | Seen, gripper: Gripper | None = None
+) -> dict[str, Any]:
+    """What tells a detector the scale of a picture, where it asks for it and both are known."""
+    known = signature(detector.detect).parameters
+    if seen.camera is None or seen.depth is None or "camera" not in known:
+        return {}
+    options: dict[str, Any] = {"camera": seen.camera}
+    return options | ({"gripper": gripper} if gripper is not None and "gripper" in known else {})
 
 
 @contextmanager

@@ -120,7 +120,7 @@ def evaluate_tasks(
 
 
 def _look(detector: Detector, scene: Scene, names: set[str], group: Hashable) -> _Looked:
-    prepared = detector.prepare(scene.rgb, scene.depth)
+    prepared = detector.prepare(scene.rgb, scene.depth, camera=scene.camera)
     with torch.inference_mode():
         inputs = torch.from_numpy(prepared.inputs[None]).to(detector.device)
         said = detector.network.outputs(inputs).tasks

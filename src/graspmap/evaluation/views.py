@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from graspmap.data.scene import Depth, Rgb, Scene
 from graspmap.geometry.affine import crop
+from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps
 from graspmap.metrics.protocols import View
 
@@ -31,11 +32,13 @@ class Seen:
         rgb: (h, w, 3) colour, or None.
         depth: (h, w) metres, or None.
         matrix: (3, 3) map from its pixels to those of the whole picture.
+        camera: Its intrinsics, or None.
     """
 
     rgb: Rgb | None
     depth: Depth | None
     matrix: NDArray[np.float64]
+    camera: Camera | None = None
 
 
 def look(scene: Scene, view: View, rng: np.random.Generator) -> Seen:
@@ -47,7 +50,7 @@ def look(scene: Scene, view: View, rng: np.random.Generator) -> Seen:
         rng: Source of the augmentation.
     """
     if view == "whole":
-        return Seen(scene.rgb, scene.depth, np.eye(3))
+        return Seen(scene.rgb, scene.depth, np.eye(3), scene.camera)
     if view == "labels":
         return _about_labels(scene)
     return _augmented(scene, rng)
@@ -75,6 +78,7 @@ def _augmented(scene: Scene, rng: np.random.Generator) -> Seen:
         None if cut.rgb is None else np.ascontiguousarray(np.rot90(cut.rgb, turns)),
         None if cut.depth is None else np.ascontiguousarray(np.rot90(cut.depth, turns)),
         np.round(matrix),  # whole numbers, but for the inverse's rounding
+        None if cut.camera is None else _turned(cut.camera, turns),
     )
 
 
@@ -91,4 +95,19 @@ def _cut(scene: Scene, x: int, y: int, side: int) -> Seen:
         None if scene.rgb is None else np.ascontiguousarray(scene.rgb[window]),
         None if scene.depth is None else np.ascontiguousarray(scene.depth[window]),
         crop(-x, -y),
+        None if scene.camera is None else scene.camera.transformed(crop(x, y), side, side),
     )
+
+
+def _turned(camera: Camera, turns: int) -> Camera:
+    """The camera of a picture turned by so many quarters counter-clockwise on screen."""
+    for _ in range(turns):
+        camera = Camera(
+            fx=camera.fy,
+            fy=camera.fx,
+            cx=camera.cy,
+            cy=camera.width - 1 - camera.cx,
+            width=camera.height,
+            height=camera.width,
+        )
+    return camera

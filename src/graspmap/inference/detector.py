@@ -5,8 +5,11 @@ Letters in shapes: H rows, W columns of the picture; S side of the network's inp
 
 from __future__ import annotations
 
+import logging
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,11 +19,10 @@ from numpy.typing import NDArray
 
 from graspmap.data.images import (
     check_depth_m,
-    input_window,
-    region_window,
     to_input,
     warp,
 )
+from graspmap.data.windows import close_up_m, input_window, region_window
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps
@@ -33,7 +35,9 @@ from graspmap.maps.grasp_maps import GraspMaps
 from graspmap.networks import GraspNetwork, multiply_adds, parameter_count
 
 BACKENDS = ("torch",)
+_LOG = logging.getLogger(__name__)
 _LARGEST_REGION = 100
+_ASSUMED_VIEW_RAD = math.radians(57)  # of the longer side: between Kinect and RealSense
 _SPARE = 20
 """Grasps looked at for each one asked for, where a gripper may rule some out."""
 
@@ -225,7 +229,8 @@ class Detector:
         Args:
             rgb: As in `detect`, like all of them.
             depth: Metres.
-            camera: Its size is compared with that of the pictures.
+            camera: Gives the scale to networks that see a close-up; without it that of common
+                depth cameras is assumed, with a warning.
             region: Where the network looks.
             mask: Where grasps are centred.
 
@@ -236,10 +241,13 @@ class Detector:
         if depth is not None:
             depth = check_depth_m(depth, "the picture")
         size = self.card.size
+        if camera is None and close_up_m(self.card.view) is not None:
+            camera = _assumed_camera(shape)
+        seen: dict[str, Any] = {"view": self.card.view, "depth_m": depth, "camera": camera}
         if region is not None:
-            matrix = region_window(_check_region(region, shape), size)
+            matrix = region_window(_check_region(region, shape), size, **seen)
         else:
-            matrix = input_window(shape, size, view=self.card.view)
+            matrix = input_window(shape, size, **seen)
         inputs = to_input(
             rgb, depth, self.card.channels, matrix, size, depth_zero=self.card.depth_zero
         )
@@ -332,6 +340,20 @@ class Detector:
         if len(set(sizes.values())) != 1:
             raise InvalidInputError("sizes (rows, columns)", sizes, "equal ones")
         return next(iter(sizes.values()))
+
+
+@lru_cache(maxsize=8)
+def _assumed_camera(shape: tuple[int, int]) -> Camera:
+    """A depth camera as they are mostly, for a picture whose own is not known; told once."""
+    _LOG.warning(
+        "the scale of a picture of %d x %d px is not known: a field of view of %.0f degrees is "
+        "assumed; give its camera",
+        *reversed(shape),
+        math.degrees(_ASSUMED_VIEW_RAD),
+    )
+    rows, columns = shape
+    camera = Camera.from_field_of_view(_ASSUMED_VIEW_RAD, max(shape), 1)
+    return Camera(camera.fx, camera.fy, (columns - 1) / 2, (rows - 1) / 2, columns, rows)
 
 
 def _check_request(

@@ -12,12 +12,11 @@ import torch
 from torch import Tensor, nn
 
 from graspmap.data.images import Channels, channel_count
+from graspmap.data.windows import MOST_PX, View, close_up_m
 from graspmap.errors import InvalidInputError, UnknownNameError, WeightsError
 from graspmap.inference.foreign_files import NO_STATE_DICT, read_foreign
 from graspmap.inference.weights import (
     MOST_FILTERS,
-    MOST_PX,
-    View,
     WeightsCard,
     check_numbers,
     differences,
@@ -112,10 +111,7 @@ def _check_settings(width_scale: float, size: int, view: View) -> None:
         raise InvalidInputError("width_scale", width_scale, "pixels above 0")
     if not 1 <= size <= MOST_PX:
         raise InvalidInputError("size", size, f"pixels, from 1 to {MOST_PX}")
-    if view not in ("contain", "cover") and (isinstance(view, str) or not 1 <= view <= MOST_PX):
-        raise InvalidInputError(
-            "view", repr(view), f"contain, cover, or a side in pixels, at most {MOST_PX}"
-        )
+    close_up_m(view)
 
 
 def _state_dict(path: Path, loaded: Any) -> dict[str, Tensor]:

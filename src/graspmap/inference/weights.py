@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Final, Literal
 
 import safetensors.torch
 import torch
@@ -19,6 +19,7 @@ from torch import Tensor
 
 from graspmap import __version__
 from graspmap.data.images import Channels, DepthZero, channel_count
+from graspmap.data.windows import MOST_PX, View
 from graspmap.errors import (
     FileFormatError,
     GraspmapError,
@@ -32,11 +33,8 @@ from graspmap.networks import GraspNetwork, TaskSpec, make_network
 FORMAT: Final = 1
 """Version of the card; a newer one is refused rather than misread."""
 
-MOST_BINS, MOST_PX, MOST_FILTERS = 1024, 16384, 256
+MOST_BINS, MOST_FILTERS = 1024, 256
 """A card that asks for more is a damaged or a hostile one: it would only fill the memory."""
-
-View = Literal["contain", "cover"] | Annotated[int, Field(ge=1, le=MOST_PX)]
-"""Centre square of a picture that fills the input: a name, or a side in pixels."""
 
 SUFFIX = ".safetensors"
 _CARD_KEY = "graspmap"
@@ -93,8 +91,8 @@ class WeightsCard(BaseModel):
         tasks: What it learned beside grasping, and has heads for.
         filters: Width of its layers, where it is not the published one.
         size: Side of the square input, pixels.
-        view: Centre square of a picture that fills the input: ``contain``, ``cover``, or a side
-            in pixels.
+        view: Square of a picture that fills the input: ``contain``, ``cover``, a side in pixels,
+            or one in centimetres, see `graspmap.data.input_window`.
         depth_zero: What its depth is measured from, see `graspmap.data.to_input`.
         width_scale_px: Opening in input pixels for which the width map is 1.
         data: What it was trained on, where known.

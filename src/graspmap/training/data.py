@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from torch.utils.data import DataLoader, Dataset, Sampler
 
 from graspmap.data import Augmentation, Scene, Store, smallest_jaws, to_input
+from graspmap.data.table import Table
 from graspmap.geometry import Grasps
 from graspmap.maps import draw_maps
 from graspmap.training.experiment import Experiment
@@ -129,7 +130,8 @@ class Samples(Dataset[dict[str, NDArray[Any]]]):
     def _sample(self, index: int, matrix: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
         """A whole picture, moved, with everything that is true of it."""
         scene = self.store[index]
-        sample = make_sample(scene, matrix, self.experiment, self.width_scale_px)
+        table = self.store.table(index)
+        sample = make_sample(scene, matrix, self.experiment, self.width_scale_px, table)
         category = self.experiment.tasks.category
         truth = task_targets(
             self.tasks,
@@ -142,6 +144,7 @@ class Samples(Dataset[dict[str, NDArray[Any]]]):
             label=None if category is None else category.labels,
             classes=self.classes,
             depth_zero=self.experiment.data.depth_zero,
+            table=table,
         )
         return {**sample, **truth, "index": np.array(index)}
 
@@ -155,7 +158,11 @@ def augmentation(experiment: Experiment) -> Augmentation:
 
 
 def make_sample(
-    scene: Scene, matrix: NDArray[np.float64], experiment: Experiment, width_scale_px: float
+    scene: Scene,
+    matrix: NDArray[np.float64],
+    experiment: Experiment,
+    width_scale_px: float,
+    table: Table | None = None,
 ) -> dict[str, NDArray[np.float32]]:
     """One picture and its target maps, moved together.
 
@@ -164,6 +171,7 @@ def make_sample(
         matrix: (3, 3) similarity of the input frame.
         experiment: Channels, size, bins, and how maps are drawn.
         width_scale_px: Opening in input pixels that the width map shows as 1.
+        table: The table behind the picture, where it was found already.
 
     Returns:
         ``input`` (C, S, S) and ``target`` (4, N, S, S), float32.
@@ -176,6 +184,7 @@ def make_sample(
         matrix,
         size,
         depth_zero=experiment.data.depth_zero,
+        table=table,
     )
     labels = Grasps.empty() if scene.grasps is None else smallest_jaws(scene.grasps)
     target = draw_maps(

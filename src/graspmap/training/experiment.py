@@ -13,11 +13,12 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from graspmap.data.windows import View
+
 Positive = Annotated[int, Field(ge=1)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 PositiveFloat = Annotated[float, Field(gt=0)]
 Zoom = Annotated[float, Field(ge=0.05, le=20)]
-View = Literal["contain", "cover"] | Annotated[int, Field(ge=1, le=16384)]
 
 
 class _Section(BaseModel):
@@ -223,7 +224,8 @@ class DataSection(_Section):
         depth_zero: What depth is measured from: ``"mean"``, its mean as published, or
             ``"table"``, the table's behind each pixel; see `graspmap.data.to_input`.
         view: Centre window of the picture that fills the input: its longer side
-            (``"contain"``), its shorter side (``"cover"``), or so many pixels.
+            (``"contain"``), its shorter side (``"cover"``), or so many pixels; ``"36 cm"``: a
+            close-up of what stands on the table, see `graspmap.data.input_window`.
         split: See `SplitSection`.
         augment: See `AugmentSection`; training part only.
         validation: See `ValidationSection`; null chooses with the split's validation part.

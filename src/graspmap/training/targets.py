@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from graspmap.data import Scene, Store, to_input, warp
 from graspmap.data.images import DepthZero
+from graspmap.data.table import Table
 from graspmap.errors import InvalidInputError
 from graspmap.losses import UNKNOWN, Targets
 from graspmap.maps import GraspMaps
@@ -29,6 +30,7 @@ def task_targets(
     label: str | None = None,
     classes: Sequence[str] = (),
     depth_zero: DepthZero = "mean",
+    table: Table | None = None,
 ) -> dict[str, NDArray[Any]]:
     """The truth of a scene on some tasks; one matrix moves it as it moves picture and grasps.
 
@@ -45,6 +47,7 @@ def task_targets(
         label: Which of the scene's labels is its class.
         classes: All classes.
         depth_zero: What depth is measured from, where the network does not see it.
+        table: The table behind the picture, where it was found already.
 
     Returns:
         Of ``saliency``: ``mask`` and ``inside``, of ``depth``: ``depth`` (as the depth input of a
@@ -71,7 +74,13 @@ def task_targets(
         known = inside if measured is None else inside & warp(measured, matrix, size, fill=False)
         if seen is None:
             seen = to_input(
-                None, _need(scene, "depth"), "depth", matrix, size, depth_zero=depth_zero
+                None,
+                _need(scene, "depth"),
+                "depth",
+                matrix,
+                size,
+                depth_zero=depth_zero,
+                table=table,
             )
         found |= {"depth": seen, "depth_known": known[None]}
     return found

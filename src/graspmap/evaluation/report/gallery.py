@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from graspmap.data.scene import Scene, Scenes
 from graspmap.errors import InvalidInputError
 from graspmap.evaluation.animations import film_of
-from graspmap.evaluation.evaluate import GraspDetector
+from graspmap.evaluation.evaluate import GraspDetector, camera_options
 from graspmap.evaluation.judge import Progress
 from graspmap.evaluation.results import Evaluation, SceneResult
 from graspmap.evaluation.trial_results import TrialEvaluation, TriedGrasp
@@ -247,7 +247,9 @@ def _pictures(
     if detector is None:
         return pictures
     method = evaluation.protocol.decoding
-    found = detector.detect(scene.rgb, scene.depth, top=1, method=method)
+    found = detector.detect(
+        scene.rgb, scene.depth, top=1, method=method, **camera_options(detector, scene)
+    )
     maps: GraspMaps[NDArray[Any]] | None = getattr(found, "maps", None)
     matrix = getattr(found, "matrix", None)
     if maps is None or matrix is None:  # a detector that is none of ours

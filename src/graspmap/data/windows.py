@@ -1,0 +1,190 @@
+"""Which square of a picture a network sees, as a map onto its input.
+
+Letters in shapes: H rows, W columns of the picture, size the side of the square input. Matrices map
+homogeneous pixels (x, y, 1) of the picture to the input frame (see CONVENTIONS.md).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Annotated, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from graspmap.data.table import Table, find_table
+from graspmap.errors import InvalidInputError
+from graspmap.geometry import affine
+from graspmap.geometry.camera import Camera
+
+CLOSE_UP = r"^(\d{1,4}(?:\.\d+)?) cm$"
+"""How a side in centimetres is written."""
+
+MOST_PX = 16384
+
+View = (
+    Literal["contain", "cover"]
+    | Annotated[int, Field(ge=1, le=MOST_PX)]
+    | Annotated[str, Field(pattern=CLOSE_UP)]
+)
+"""Which square of a picture is used: all of it, the largest inside it, a side in pixels, or a side
+in centimetres (``"36 cm"``): a close-up of what stands on the table, see `input_window`."""
+
+VIEW_ALLOWED = "'contain', 'cover', a side in pixels, 1 to 16384, or in centimetres ('36 cm')"
+
+Floats = NDArray[np.float64]
+
+_SAMPLES_A_SIDE = 128
+_LEAST_RISE_M = 0.004  # what rises less is not told from the table's noise
+_DEVIATIONS = 4.0
+_LEAST_AREA_M2 = 5e-5  # of an object seen from above; specks of noise are smaller
+_MARGIN = 1.2  # side of the window over that of what stands on the table, at least
+
+
+def close_up_m(view: View) -> float | None:
+    """Side of a close-up in metres, such as 0.36 of ``"36 cm"``; None for the other views.
+
+    Raises:
+        InvalidInputError: It is no view.
+    """
+    if isinstance(view, str) and view not in ("contain", "cover"):
+        found = re.match(CLOSE_UP, view)
+        if found is None or not float(found[1]) > 0:
+            raise InvalidInputError("view", repr(view), VIEW_ALLOWED)
+        return float(found[1]) / 100
+    if not isinstance(view, str) and (
+        not isinstance(view, int) or isinstance(view, bool) or not 1 <= view <= MOST_PX
+    ):
+        raise InvalidInputError("view", repr(view), VIEW_ALLOWED)
+    return None
+
+
+def input_window(
+    shape: tuple[int, int],
+    size: int,
+    *,
+    view: View = "contain",
+    depth_m: NDArray[np.float32] | None = None,
+    camera: Camera | None = None,
+) -> Floats:
+    """(3, 3) map of a square of a picture onto size x size pixels.
+
+    Args:
+        shape: (rows, columns) of the picture.
+        size: Side of the input, pixels.
+        view: ``contain``: the square's side is the picture's longer side, so nothing is lost;
+            ``cover``: the shorter side, so nothing is added; a number: that many pixels; all these
+            about the picture's middle. ``"36 cm"``: the square of that side on the table about
+            what stands on it, so that the network sees all things at one scale, however far the
+            camera; where more stands on the table than fits, the square grows.
+        depth_m: (H, W) metres, NaN in holes; needed by a side in centimetres.
+        camera: Intrinsics; needed by it, too.
+
+    Raises:
+        InvalidInputError: A size is not positive, the view is none of these, or a close-up lacks
+            depth or camera.
+    """
+    rows, columns = shape
+    side_m = close_up_m(view)
+    if side_m is not None:
+        if depth_m is None or camera is None:
+            lacking = "without depth" if depth_m is None else "without a camera"
+            raise InvalidInputError(
+                f"view {view!r}", lacking, "a depth picture and its camera, to know the scale"
+            )
+        return _close_up(depth_m, camera, side_m, size)
+    side = {"contain": max(rows, columns), "cover": min(rows, columns)}.get(str(view), view)
+    assert isinstance(side, int)
+    # Whole pixels: a window of the input's own size is then cut out without resampling.
+    return affine.window((columns - side) // 2, (rows - side) // 2, side, size)
+
+
+def region_window(
+    region_xywh: tuple[float, float, float, float],
+    size: int,
+    *,
+    view: View = "contain",
+    depth_m: NDArray[np.float32] | None = None,
+    camera: Camera | None = None,
+) -> Floats:
+    """(3, 3) map of the square around a region of interest onto size x size pixels.
+
+    Args:
+        region_xywh: First column x, first row y, width and height of the region, pixels. The
+            square has the longer side and the same centre; of a close-up it is at least as large
+            as the network's scale asks for.
+        size: Side of the input, pixels.
+        view: The network's, see `input_window`.
+        depth_m: As there.
+        camera: As there.
+
+    Raises:
+        InvalidInputError: Not four finite numbers, a width or height that is not positive, or a
+            close-up lacks depth or camera.
+    """
+    numbers = tuple(float(v) for v in region_xywh)
+    if len(numbers) != 4 or not all(map(math.isfinite, numbers)) or min(numbers[2:]) <= 0:
+        raise InvalidInputError("region", region_xywh, "x, y, width, height with sizes above 0")
+    x, y, width, height = numbers
+    side, side_m = max(width, height), close_up_m(view)
+    if side_m is not None and depth_m is not None and camera is not None:
+        middle = (x + (width - 1) / 2, y + (height - 1) / 2)
+        side = max(side, _pixels(side_m, find_table(depth_m), middle, camera))
+    return affine.window(x + (width - side) / 2, y + (height - side) / 2, side, size)
+
+
+def _close_up(depth_m: NDArray[np.float32], camera: Camera, side_m: float, size: int) -> Floats:
+    """The square of ``side_m`` about what stands on the table."""
+    table = find_table(depth_m)
+    first_x, last_x, first_y, last_y = _standing(depth_m, table, camera)
+    middle = ((first_x + last_x) / 2, (first_y + last_y) / 2)
+    side = max(
+        _pixels(side_m, table, middle, camera),
+        _MARGIN * max(last_x - first_x + 1, last_y - first_y + 1),
+    )
+    return affine.window(middle[0] + 0.5 - side / 2, middle[1] + 0.5 - side / 2, side, size)
+
+
+def _pixels(length_m: float, table: Table, at: tuple[float, float], camera: Camera) -> float:
+    """How long a length on the table looks at a pixel."""
+    inverse = float(table.plane @ np.array([*at, 1.0]))
+    return length_m * math.sqrt(camera.fx * camera.fy) * inverse
+
+
+def _standing(
+    depth_m: NDArray[np.float32], table: Table, camera: Camera
+) -> tuple[float, float, float, float]:
+    """First and last column, first and last row of all that rises from the table.
+
+    The middle of the picture, where nothing does.
+    """
+    rows, columns = depth_m.shape
+    step = max(1, max(rows, columns) // _SAMPLES_A_SIDE)
+    risen = (table.depth_m(depth_m.shape) - depth_m)[step // 2 :: step, step // 2 :: step]
+    low = np.nan_to_num(risen, nan=0.0)
+    # Half of the picture is table: what lies lower than it says how far its noise reaches.
+    below = low[low < 0]
+    noise = 1.4826 * float(np.median(-below)) if below.size else 0.0
+    standing = (low > max(_LEAST_RISE_M, _DEVIATIONS * noise)).astype(np.uint8)
+    _, _, boxes, middles = cv2.connectedComponentsWithStats(standing, connectivity=8)
+    kept = []
+    for box, middle in zip(boxes[1:], middles[1:], strict=True):
+        scale = _pixels(1.0, table, (middle[0] * step, middle[1] * step), camera) / step
+        if box[cv2.CC_STAT_AREA] >= _LEAST_AREA_M2 * scale * scale:
+            kept.append(box)
+    if not kept:
+        return (columns - 1) / 2, (columns - 1) / 2, (rows - 1) / 2, (rows - 1) / 2
+    first_x = min(box[cv2.CC_STAT_LEFT] for box in kept)
+    first_y = min(box[cv2.CC_STAT_TOP] for box in kept)
+    last_x = max(box[cv2.CC_STAT_LEFT] + box[cv2.CC_STAT_WIDTH] for box in kept) - 1
+    last_y = max(box[cv2.CC_STAT_TOP] + box[cv2.CC_STAT_HEIGHT] for box in kept) - 1
+    half = step // 2
+    return (
+        float(first_x * step + half),
+        float(last_x * step + half),
+        float(first_y * step + half),
+        float(last_y * step + half),
+    )
