@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from typing import get_args
 
 import numpy as np
@@ -160,7 +161,36 @@ def test_unknown_names(base, positional):
         GraspLoss(base, positional)
 
 
+@pytest.mark.parametrize("positional", POSITIONALS)
+@settings(max_examples=15)
+@given(seed=st.integers(0, 2**32 - 1), expectile=st.floats(0.05, 0.95))
+def test_the_best_constant_width_is_the_expectile(positional, seed, expectile):
+    """Found by bisection of t E[(w - e)+] = (1 - t) E[(e - w)+], which defines it."""
+    target = random_maps(seed)
+    target = replace(target, quality=torch.ones_like(target.quality))
+    widths = target.width.flatten().numpy()
+    low, high = widths.min(), widths.max()
+    for _ in range(60):
+        middle = (low + high) / 2
+        above, below = np.clip(widths - middle, 0, None).sum(), np.clip(middle - widths, 0, None)
+        low, high = (
+            (middle, high) if expectile * above > (1 - expectile) * below.sum() else (low, middle)
+        )
+    constant = torch.tensor(low, requires_grad=True)
+    predicted = replace(target, width=constant.expand(target.width.shape))
+    loss = GraspLoss("mse", positional, width_expectile=expectile)(predicted, target)
+    (slope,) = torch.autograd.grad(loss.width, constant)
+    assert abs(float(slope)) < 1e-9
+    assert float(loss.quality + loss.cos + loss.sin) == 0
+
+
+@pytest.mark.parametrize("expectile", [0.0, 1.0, -1, float("nan")])
+def test_an_expectile_lies_between_0_and_1(expectile):
+    with pytest.raises(InvalidInputError, match="between 0 and 1"):
+        GraspLoss(width_expectile=expectile)
+
+
 def test_prints_what_it_is():
     assert repr(GraspLoss("smooth_l1", "outside")) == (
-        "GraspLoss(base='smooth_l1', positional='outside')"
+        "GraspLoss(base='smooth_l1', positional='outside', width_expectile=0.5)"
     )

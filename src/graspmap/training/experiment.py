@@ -281,6 +281,8 @@ class LossSection(_Section):
     Attributes:
         base: Error of one pixel of the grasp maps.
         positional: Whether, and how, angle and width count only where grasps are.
+        width_expectile: Above 0.5 the network learns wide openings of those that were labelled
+            rather than middling ones; see `graspmap.losses.GraspLoss`.
         weighting: How the losses of several tasks become one: their sum, shares that are fixed,
             or weights that are learned (task uncertainty).
         grasp_share: Share of the grasp loss with ``"fixed"``; the other tasks have the rest.
@@ -288,6 +290,7 @@ class LossSection(_Section):
 
     base: Literal["mse", "smooth_l1"] = "mse"
     positional: Literal["none", "inside", "outside", "normalised"] = "inside"
+    width_expectile: Annotated[float, Field(gt=0, lt=1)] = 0.5
     weighting: Literal["sum", "fixed", "uncertainty"] = "sum"
     grasp_share: Fraction = 0.5
 

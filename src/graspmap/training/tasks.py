@@ -87,7 +87,7 @@ def make_loss(experiment: Experiment) -> MultiTaskLoss:
         "depth": tasks.depth.loss if tasks.depth else "mse",
     }
     return MultiTaskLoss(
-        GraspLoss(values.base, values.positional),
+        GraspLoss(values.base, values.positional, width_expectile=values.width_expectile),
         {name: make_task_loss(name, **kinds) for name in tasks.names},  # type: ignore[arg-type]
         make_weighting(values.weighting, tasks.names, values.grasp_share),
     )
