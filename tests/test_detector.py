@@ -13,7 +13,7 @@ from graspmap import Camera, Detector, GraspMaps, Grasps, draw_maps
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.gripper import load_gripper
 from graspmap.inference import CalibrationCard, WeightsCard, import_weights, save_weights
-from graspmap.inference.locate import locate
+from graspmap.inference.locate import fitted, locate
 from graspmap.networks import GraspNetwork, make_network
 
 SIZE = 96
@@ -107,6 +107,19 @@ def test_a_gripper_leaves_out_what_it_cannot_open_for():
     assert found.grasps.angle[0] == pytest.approx(-0.3, abs=math.radians(1))
     jaws_px = np.array(gripper.jaw_sizes_m) * camera.fx / 0.8
     assert np.abs(jaws_px - found.grasps.height[0]).min() < 1e-3
+
+
+@pytest.mark.parametrize(("asked_m", "given_m"), [(0.079, 0.079), (0.09, 0.08), (0.094, None)])
+def test_a_gripper_opens_as_far_as_it_goes_where_only_the_margin_is_missing(asked_m, given_m):
+    gripper = load_gripper("franka")
+    found = Grasps([[10.0, 20.0]], [0.3], [30.0], [9.0], [0.5])
+    kept, grasps = fitted(found, np.array([asked_m]), gripper)
+    if given_m is None:
+        assert len(kept) == len(grasps) == 0
+    else:
+        assert kept.tolist() == [0]
+        assert grasps.width[0] == pytest.approx(30.0 * given_m / asked_m)
+        assert grasps.center.tolist() == found.center.tolist()
 
 
 def test_a_gripper_needs_metres():

@@ -71,13 +71,13 @@ def test_the_mask_is_what_rises():
 
 
 def test_the_best_pairs_are_apart_and_fit_the_gripper():
-    depth = box((120, 120), 0.2, 100, 30)
+    depth = box((120, 120), 0.2, 100, 36)
     found = AntipodalGrasp().detect(depth=depth, top=5).grasps
     assert 2 <= len(found) <= 5
     assert (np.diff(found.quality) <= 0).all()
     gaps = np.linalg.norm(found.center[:, None] - found.center, axis=2)
     assert gaps[np.triu_indices(len(found), k=1)].min() >= 0.05 * SIDE
-    # 100 px at 0.57 m with this lens are 23 cm, 37 px are 8.8 cm: too wide for 8 cm, with room.
+    # 100 px at 0.57 m with this lens are 23 cm, 45 px are 10.7 cm: too wide for 8 cm, with room.
     camera = Camera(SIDE, SIDE, SIDE / 2, SIDE / 2, SIDE, SIDE)
     narrow = AntipodalGrasp().detect(depth=depth, camera=camera, gripper=load_gripper("franka"))
     assert len(narrow.grasps) == 0

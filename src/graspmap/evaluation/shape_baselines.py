@@ -23,7 +23,7 @@ from graspmap.errors import InvalidInputError
 from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps
 from graspmap.gripper import Gripper
-from graspmap.inference.locate import locate
+from graspmap.inference.locate import fitted, locate
 from graspmap.simulation.rebuild import risen
 from graspmap.simulation.table_plane import fit_table_plane
 
@@ -124,8 +124,7 @@ class AntipodalGrasp:
         length = np.linalg.norm(way, axis=1)
         grasps = _grasps((start + end) / 2, way / length[:, None], length + 1, quality[order])
         if camera is not None and gripper is not None and len(grasps):
-            width_m = locate(grasps, depth, camera)[1]
-            grasps = grasps[np.flatnonzero(width_m <= gripper.max_opening_m)]
+            _, grasps = fitted(grasps, locate(grasps, depth, camera)[1], gripper)
         return ShapeDetection(_spread(grasps, top, _APART * max(mask.shape)))
 
 

@@ -27,7 +27,7 @@ from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps
 from graspmap.gripper import Gripper
-from graspmap.inference.locate import locate, with_jaw
+from graspmap.inference.locate import fitted, locate, with_jaw
 from graspmap.inference.shipped import default_weights, weights_path
 from graspmap.inference.weights import WeightsCard, load_weights, weights_hash
 from graspmap.maps.find import find_grasps
@@ -186,8 +186,9 @@ class Detector:
             depth: (H, W) metres, NaN or 0 where there is none; needed by networks that look at
                 depth, and for grasps in metres.
             camera: Intrinsics of the picture; gives `position_m` and `width_m`.
-            gripper: Leaves out grasps wider than it opens (never narrower ones: it need not close
-                before it grasps), and gives the others its jaw size; needs camera and depth.
+            gripper: Leaves out grasps wider than it opens, narrows those that are so by their
+                margin (see `graspmap.inference.locate.fitted`), and gives them its jaw size; needs
+                camera and depth.
             top: How many grasps at most.
             region: (x, y, width, height) in pixels: the network looks at the square around it,
                 at its scale, and grasps are centred inside it.
@@ -301,8 +302,9 @@ class Detector:
         if camera is not None and depth is not None:
             position_m, width_m = locate(grasps, depth, camera)
             if gripper is not None:
-                fits = np.flatnonzero(width_m <= gripper.max_opening_m)[:top]
-                grasps, position_m, width_m = grasps[fits], position_m[fits], width_m[fits]
+                kept, grasps = fitted(grasps, width_m, gripper)
+                grasps, position_m = grasps[:top], position_m[kept][:top]
+                width_m = np.minimum(width_m[kept][:top], gripper.max_opening_m)
                 grasps = with_jaw(grasps, position_m[:, 2], camera, gripper)
         return Detection(grasps, maps, matrix, position_m, width_m)
 

@@ -19,6 +19,10 @@ PATCH_PX = 5
 """Side of the patch around a grasp's centre whose median depth places the grasp."""
 
 
+MARGIN = 0.15
+"""How much too wide an opening may be for a gripper, as a part of what it opens."""
+
+
 def locate(
     grasps: Grasps, depth_m: NDArray[np.floating[Any]], camera: Camera
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -46,6 +50,27 @@ def locate(
     half_opening = grasps.axis() * (grasps.width / 2)[:, None]
     ends = [camera.deproject(grasps.center + sign * half_opening, z) for sign in (-1, 1)]
     return camera.deproject(grasps.center, z), np.linalg.norm(ends[1] - ends[0], axis=1)
+
+
+def fitted(
+    grasps: Grasps, width_m: NDArray[np.float64], gripper: Gripper
+) -> tuple[NDArray[np.intp], Grasps]:
+    """The grasps that a gripper can open for, opened as far as it goes where they ask for more.
+
+    An opening has a margin beside the object: one that is up to `MARGIN` too wide is narrowed. None
+    is widened: a gripper need not close before it grasps.
+
+    Args:
+        grasps: N grasps, pixels.
+        width_m: (N,) their openings.
+        gripper: The gripper.
+
+    Returns:
+        (M,) numbers of the grasps that are left, and these M grasps.
+    """
+    kept = np.flatnonzero(width_m <= (1 + MARGIN) * gripper.max_opening_m)
+    share = np.minimum(1.0, gripper.max_opening_m / np.maximum(width_m[kept], 1e-9))
+    return kept, grasps[kept].replace(width=grasps.width[kept] * share)
 
 
 def with_jaw(
