@@ -561,7 +561,7 @@ def test_the_loss_is_the_one_that_the_experiment_names():
     }
     text = repr(make_loss(Experiment.model_validate(values)))
     for part in (
-        "GraspLoss(base='smooth_l1', positional='inside')",
+        "GraspLoss(base='smooth_l1', positional='inside', width_expectile=0.5)",
         "SaliencyLoss(kind='mse')",
         "DepthLoss(kind='smooth_l1')",
         "CategoryLoss()",
