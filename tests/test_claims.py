@@ -442,8 +442,8 @@ def test_a_small_run_of_two_claims(parts, cache, tmp_path, capsys, one_thread):
     out = tmp_path / "out"
     words = ["reproduce", "claims", "--data", str(parts), "--scale", "0.0003", "--seeds", "2",
              "--rows", "GG-CNN2 / RGB-D / * / 1 / Binary*", "--data.size", "32",
-             "--data.cache_dir", str(cache), "--devices", "cpu", "--workers", "1", "--out",
-             str(out)]  # fmt: skip
+             "--data.augment.crop", "24", "--data.cache_dir", str(cache), "--devices", "cpu",
+             "--workers", "1", "--out", str(out)]  # fmt: skip
     assert main([*words, "--dry-run"]) == 0
     assert not out.exists()
     assert "6 runs" in capsys.readouterr().out

@@ -133,6 +133,7 @@ def test_help_needs_no_library():
         (["weights", "import", "ggcnn", "nowhere.pt", "o.safetensors"], "nowhere.pt"),
         (["weights", "import", "ggcnn", "f", "o.pt"], ".safetensors"),
         (["weights", "import", "ggcnn", "f", "o.safetensors", "--view", "0"], "--view"),
+        (["weights", "import", "ggcnn", "f", "o.safetensors", "--view", "0 cm"], "--view"),
         (["demo", "--top", "0"], "--top"),
         (["demo", "--depth", "noisy"], "perfect"),
     ],

@@ -35,6 +35,9 @@ _SEEDS_APART = 1000
 """Between the seeds of the parts of two runs."""
 _LEAST_OPENING_PX = 5.0
 """A network can't tell by fewer whether something fits between the fingers."""
+_WIDTH_SCALE = 0.42
+"""Part of the greatest opening for which the width map says 1: then most of its numbers are near 1,
+and its errors weigh in the loss what those of the other maps do, whatever the gripper."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -167,16 +170,8 @@ def prepare(flags: TrainForGripper, command: str) -> Job:
     at_least(1, scenes=flags.scenes)
     gripper = load_gripper(flags.gripper)
     plans = _plans(flags, gripper)
-    experiment = _experiment(flags, gripper)
+    experiment = _experiment(flags, gripper, plans["test"].shown_m)
     check_experiment(experiment)
-    opening_px = gripper.max_opening_m / plans["test"].shown_m * experiment.data.size
-    if opening_px < _LEAST_OPENING_PX:
-        raise InvalidInputError(
-            f"opening of gripper {gripper.name}",
-            f"{gripper.max_opening_m:g} m, {opening_px:.3g} px of what the network sees",
-            f"{_LEAST_OPENING_PX:g} px or more: bring the camera of the recipe nearer, or enlarge "
-            "data.size of the experiment",
-        )
     return Job(
         flags,
         command,
@@ -199,13 +194,29 @@ def _plans(flags: TrainForGripper, gripper: Gripper) -> dict[str, GenerationPlan
     return {name: replace(plans[name], seed=plans[name].seed + shift) for name in PARTS}
 
 
-def _experiment(flags: TrainForGripper, gripper: Gripper) -> Experiment:
-    """The experiment with the data, and what the flags change of it."""
+def _experiment(flags: TrainForGripper, gripper: Gripper, shown_m: float) -> Experiment:
+    """The experiment with the data, and what the flags and the gripper change of it.
+
+    Args:
+        flags: What is asked for.
+        gripper: The gripper.
+        shown_m: Side of the table that a whole picture shows.
+    """
+    from graspmap.data.windows import close_up_m
     from graspmap.reproduction.table_file import experiments_folder
     from graspmap.training import read_experiment
 
     path = flags.experiment or experiments_folder() / "stereo.yaml"
-    depth = read_experiment(path).data.depth
+    data = read_experiment(path).data
+    depth = data.depth
+    opening_px = gripper.max_opening_m / (close_up_m(data.view) or shown_m) * data.size
+    if opening_px < _LEAST_OPENING_PX:
+        raise InvalidInputError(
+            f"opening of gripper {gripper.name}",
+            f"{gripper.max_opening_m:g} m, {opening_px:.3g} px of what the network sees",
+            f"{_LEAST_OPENING_PX:g} px or more: enlarge data.size of the experiment, or show less "
+            "of the table (its data.view, or the camera of the recipe)",
+        )
     sources = {name: f"jacquard:{flags.out.resolve() / 'data' / name}" for name in PARTS}
     values: dict[str, Any] = {
         "name": f"gripper-{gripper.name}",
@@ -215,6 +226,7 @@ def _experiment(flags: TrainForGripper, gripper: Gripper) -> Experiment:
         "data.source": sources["train"],
         "data.validation": {"source": sources["validation"], "depth": depth},
         "data.test": {"source": sources["test"], "depth": depth},
+        "maps.width_scale": max(1.0, round(_WIDTH_SCALE * opening_px, 1)),
         "training.epochs": flags.epochs,
         "training.device": flags.device,
     }

@@ -6,12 +6,15 @@ import importlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from graspmap.cli.frame import UsageError, option, output_file, parse, teller, write_json
-from graspmap.errors import UnknownNameError
+from graspmap.cli.frame import option, output_file, parse, teller, write_json
+from graspmap.errors import InvalidInputError, UnknownNameError
+
+if TYPE_CHECKING:
+    from graspmap.data.windows import View
 
 _HELP = """usage: graspmap weights list [--json F]
        graspmap weights show W [--json F]
@@ -72,9 +75,9 @@ class Import:
         option("depth|rgb|rgbd", "default: told from their number"),
     ] = None
     """What it looks at."""
-    view: Annotated[str, option("cover|contain|PX", "default: cover")] = "cover"
-    """Which centre square of a picture fills the input: the shorter side, the longer side, or a
-    side in pixels."""
+    view: Annotated[str, option("cover|contain|PX|'CM cm'", "default: cover")] = "cover"
+    """Which square of a picture fills the input: the shorter side, the longer side, a side in
+    pixels about the middle, or one in centimetres ('36 cm') about what stands on the table."""
     json: Annotated[Path | None, option("F")] = None
     """Write the card as JSON to this file, - for standard output."""
 
@@ -118,12 +121,12 @@ def import_(argv: Sequence[str]) -> None:
     write_json(card.model_dump(mode="json"), flags.json)
 
 
-def _view(text: str) -> Literal["contain", "cover"] | int:
-    if text == "cover":
-        return "cover"
-    if text == "contain":
-        return "contain"
-    if text.isdecimal() and int(text) > 0:
-        return int(text)
-    raise UsageError("graspmap weights import", f"--view is {text!r}; allowed: cover, contain or "
-                     "a number of pixels")  # fmt: skip
+def _view(text: str) -> View:
+    from graspmap.data.windows import VIEW_ALLOWED, close_up_m
+
+    view = int(text) if text.isdecimal() else text
+    try:
+        close_up_m(view)
+    except InvalidInputError:
+        raise InvalidInputError("--view", repr(text), VIEW_ALLOWED) from None
+    return view
