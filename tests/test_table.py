@@ -53,6 +53,64 @@ def test_objects_holes_and_noise_do_not_move_it(table, seed, share):
     assert error.max() < 0.008
 
 
+def bowl(seed: int, shape: tuple[int, int] = SHAPE) -> np.ndarray:
+    """Ranges from a point beside the camera to a tilted table, by meeting every ray with it."""
+    rng = np.random.default_rng(seed)
+    rows, columns = shape
+    x = (np.arange(columns)[None] - columns / 2) / (1.2 * columns)
+    y = (np.arange(rows)[:, None] - rows / 2) / (1.2 * columns)
+    z = rng.uniform(0.6, 1.2) / (1 + rng.uniform(-0.3, 0.3) * x + rng.uniform(-0.3, 0.3) * y)
+    base = rng.uniform(-0.2, 0.2, 3)
+    away = (x * z - base[0]) ** 2 + (y * z - base[1]) ** 2 + (z - base[2]) ** 2
+    return np.sqrt(away).astype(np.float32)
+
+
+@given(seed=st.integers(0, 2**32), share=st.floats(0, 0.07))
+def test_what_measures_ranges_sees_a_bowl(seed, share):
+    """As the pictures of Cornell do: what stands on the table is still what rises from it."""
+    rng = np.random.default_rng(seed)
+    table = bowl(seed)
+    picture = table + rng.normal(0, 0.001, SHAPE).astype(np.float32)
+    rows, columns = SHAPE
+    side = np.sqrt(share)
+    top, left = (int(rng.integers(0, n - int(n * side) + 1)) for n in SHAPE)
+    picture[top : top + int(rows * side), left : left + int(columns * side)] -= np.float32(0.04)
+    error = np.abs(find_table(picture).depth_m(SHAPE) - table)
+    assert np.median(error) < 0.003
+    assert np.percentile(error, 95) < 0.03
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_it_moves_with_the_picture(flat):
+    """A zoom and a shift: the same depth at the same place, by a closed form."""
+    table = find_table(plane(0.3, 0.5, 1.0, 200) if flat else bowl(5))
+    assert table.inverse[1:, 1:].any() != flat
+    matrix = np.array([[1.7, 0, -31.0], [0, 0.6, 12.0], [0, 0, 1]])
+    moved = table.transformed(matrix)
+    for x, y in ((0.0, 0.0), (40.5, 17.25), (119.0, 89.0)):
+        found = moved.inverse_depth(1.7 * x - 31, 0.6 * y + 12)
+        assert found == pytest.approx(table.inverse_depth(x, y), rel=1e-9)
+    shown = table.depth_m(SHAPE)
+    assert 1 / shown[17, 40] == pytest.approx(table.inverse_depth(40, 17), rel=1e-5)
+    back = moved.transformed(np.linalg.inv(matrix))
+    assert np.allclose(back.box, table.box)
+    assert np.allclose(back.depth_m(SHAPE), shown, rtol=1e-5)
+    with pytest.raises(InvalidInputError, match="zoom and shift"):
+        table.transformed(np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]]))
+
+
+def test_a_region_of_a_picture():
+    """A table in a room: the wall and the floor are most of the picture."""
+    table = plane(0.3, 1.5, 1.0, 200)
+    room = np.full(SHAPE, 1.8, np.float32)
+    room[40:80, 20:90] = table[40:80, 20:90]
+    found = find_table(room, (22.0, 41.0, 60.0, 37.5)).depth_m(SHAPE)
+    assert np.abs(found - table)[40:80, 20:90].max() < 1e-4
+    assert np.abs(find_table(room).depth_m(SHAPE) - table)[40:80, 20:90].max() > 0.2
+    room[40:80, 20:90] = np.nan  # nothing there: all of the picture then
+    assert np.allclose(find_table(room, (22.0, 41.0, 60.0, 37.5)).depth_m(SHAPE), 1.8, atol=1e-4)
+
+
 def test_thin_pictures_and_single_pixels():
     for shape in ((1, 1), (1, 50), (50, 1), (2, 3)):
         depth = np.full(shape, 0.7, np.float32)

@@ -105,17 +105,37 @@ def test_an_empty_table_is_seen_in_its_middle(speck):
     assert np.abs(middle - (SIZE - 1) / 2).max() < 1e-6
 
 
-def test_a_region_keeps_the_scale_of_a_close_up_or_grows():
-    depth, camera, _ = tabletop(
-        distance=1.0, focal=300, tilt=0.0, at=(0.1, 0), half=0.03, rise=0.03
-    )
+def test_a_region_says_which_thing_is_seen_at_the_scale_of_a_close_up():
+    boxes = [
+        tabletop(distance=1.0, focal=300, tilt=0.0, at=at, half=0.03, rise=0.03)
+        for at in ((0.1, 0.0), (-0.25, 0.1))
+    ]
+    depth, camera = np.minimum(boxes[0][0], boxes[1][0]), boxes[0][1]
     about = {"view": "20 cm", "depth_m": depth, "camera": camera}
-    small = region_window((180, 110, 20, 30), SIZE, **about)
-    assert SIZE / small[0, 0] == pytest.approx(60, rel=0.01)  # 20 cm at 1 m
-    assert np.allclose(apply(small, np.array([[189.5, 124.5]])), (SIZE - 1) / 2)
-    large = region_window((100, 60, 160, 120), SIZE, **about)
-    assert SIZE / large[0, 0] == pytest.approx(160)
+    rows, columns = np.nonzero(boxes[0][2])
+    middle = [[(columns.min() + columns.max()) / 2, (rows.min() + rows.max()) / 2]]
+    # Nothing but the top of the box; the box and a part of the table; no more of the other box.
+    for region in ((181, 111, 17, 17), (180, 100, 50, 60), (120, 20, 190, 215)):
+        matrix = region_window(region, SIZE, **about)
+        assert SIZE / matrix[0, 0] == pytest.approx(60, rel=0.02)  # 20 cm at 1 m
+        assert np.abs(apply(matrix, np.array(middle)) - (SIZE - 1) / 2).max() < 5
+    both = region_window((0, 0, 320, 240), SIZE, **about)
+    assert np.allclose(both, input_window(depth.shape, SIZE, **about), atol=1e-6)
     assert SIZE / region_window((180, 110, 20, 30), SIZE)[0, 0] == pytest.approx(30)
+
+
+def test_a_region_leaves_out_the_wall():
+    """The table that counts is that of the region, not the plane that most of a room lies on."""
+    depth, camera, on = tabletop(
+        distance=1.0, focal=300, tilt=0.2, at=(0.1, 0.2), half=0.03, rise=0.03
+    )
+    depth[:140] = 1.6  # more than half of the picture is wall
+    matrix = region_window((100, 141, 160, 90), SIZE, view="20 cm", depth_m=depth, camera=camera)
+    on[:141] = False
+    rows, columns = np.nonzero(on)
+    assert len(rows)
+    seen = apply(matrix, np.column_stack([columns, rows]).astype(np.float64))
+    assert np.abs((seen.min(axis=0) + seen.max(axis=0)) / 2 - (SIZE - 1) / 2).max() < 5
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ from graspmap.geometry.transforms import RigidTransform
 fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 
 _LOG = logging.getLogger(__name__)
-_VERSION = 5  # counts up whenever the same sources would give other bytes
+_VERSION = 6  # counts up whenever the same sources would give other bytes
 _META = "store.json"
 _PICTURES: dict[str, tuple[Any, tuple[int, ...]]] = {
     "rgb": (np.uint8, (3,)),
@@ -111,7 +111,9 @@ class Store(Scenes):
     def table(self, index: int) -> Table | None:
         """The table behind the input of scene ``index``; None without depth."""
         numbers = self._meta["scenes"][index]["table"]
-        return None if numbers is None else Table(np.array(numbers[:3]), tuple(numbers[3:]))
+        return (
+            None if numbers is None else Table(np.array(numbers["inverse"]), tuple(numbers["box"]))
+        )
 
     def shape(self, index: int) -> tuple[int, int]:
         """(rows, columns) of the picture of scene ``index`` before it was packed."""
@@ -366,7 +368,9 @@ class _Builder:
         pose = scene.T_world_camera
         facts["T_world_camera"] = None if pose is None else pose.matrix.tolist()
         facts["shape"] = scene.shape
-        facts["table"] = None if table is None else [*table.plane.tolist(), *table.box]
+        facts["table"] = (
+            None if table is None else {"inverse": table.inverse.tolist(), "box": list(table.box)}
+        )
         labels = {name: _rows(value, matrix) for name, value in grasps.items()}
         return _Packed(pictures, labels, matrix, facts)
 

@@ -69,6 +69,7 @@ def input_window(
     view: View = "contain",
     depth_m: NDArray[np.float32] | None = None,
     camera: Camera | None = None,
+    table: Table | None = None,
 ) -> Floats:
     """(3, 3) map of a square of a picture onto size x size pixels.
 
@@ -82,6 +83,7 @@ def input_window(
             camera; where more stands on the table than fits, the square grows.
         depth_m: (H, W) metres, NaN in holes; needed by a side in centimetres.
         camera: Intrinsics; needed by it, too.
+        table: What the depth shows objects on, where it was found already (`find_table`).
 
     Raises:
         InvalidInputError: A size is not positive, the view is none of these, or a close-up lacks
@@ -90,12 +92,8 @@ def input_window(
     rows, columns = shape
     side_m = close_up_m(view)
     if side_m is not None:
-        if depth_m is None or camera is None:
-            lacking = "without depth" if depth_m is None else "without a camera"
-            raise InvalidInputError(
-                f"view {view!r}", lacking, "a depth picture and its camera, to know the scale"
-            )
-        return _close_up(depth_m, camera, side_m, size)
+        depth_m, camera = _metric(view, depth_m, camera)
+        return _close_up(depth_m, camera, side_m, size, table or find_table(depth_m), (0, 0))
     side = {"contain": max(rows, columns), "cover": min(rows, columns)}.get(str(view), view)
     assert isinstance(side, int)
     # Whole pixels: a window of the input's own size is then cut out without resampling.
@@ -109,17 +107,19 @@ def region_window(
     view: View = "contain",
     depth_m: NDArray[np.float32] | None = None,
     camera: Camera | None = None,
+    table: Table | None = None,
 ) -> Floats:
     """(3, 3) map of the square around a region of interest onto size x size pixels.
 
     Args:
         region_xywh: First column x, first row y, width and height of the region, pixels. The
-            square has the longer side and the same centre; of a close-up it is at least as large
-            as the network's scale asks for.
+            square has the longer side and the same centre; a close-up is the square of the
+            network's scale about what stands on the table inside the region.
         size: Side of the input, pixels.
         view: The network's, see `input_window`.
         depth_m: As there.
         camera: As there.
+        table: As there; of the region.
 
     Raises:
         InvalidInputError: Not four finite numbers, a width or height that is not positive, or a
@@ -129,17 +129,82 @@ def region_window(
     if len(numbers) != 4 or not all(map(math.isfinite, numbers)) or min(numbers[2:]) <= 0:
         raise InvalidInputError("region", region_xywh, "x, y, width, height with sizes above 0")
     x, y, width, height = numbers
-    side, side_m = max(width, height), close_up_m(view)
-    if side_m is not None and depth_m is not None and camera is not None:
-        middle = (x + (width - 1) / 2, y + (height - 1) / 2)
-        side = max(side, _pixels(side_m, find_table(depth_m), middle, camera))
-    return affine.window(x + (width - side) / 2, y + (height - side) / 2, side, size)
+    side_m = close_up_m(view)
+    if side_m is None:
+        side = max(width, height)
+        return affine.window(x + (width - side) / 2, y + (height - side) / 2, side, size)
+    depth_m, camera = _metric(view, depth_m, camera)
+    table = table or region_table(numbers, depth_m, camera, view)
+    first = (max(0, math.ceil(x)), max(0, math.ceil(y)))
+    part = depth_m[first[1] : math.ceil(y + height), first[0] : math.ceil(x + width)]
+    return _close_up(part, camera, side_m, size, table, first)
 
 
-def _close_up(depth_m: NDArray[np.float32], camera: Camera, side_m: float, size: int) -> Floats:
-    """The square of ``side_m`` about what stands on the table."""
-    table = find_table(depth_m)
-    first_x, last_x, first_y, last_y = _standing(depth_m, table, camera)
+def region_table(
+    region_xywh: tuple[float, float, float, float],
+    depth_m: NDArray[np.float32],
+    camera: Camera | None,
+    view: View,
+) -> Table:
+    """The table about a region of interest, whatever else the picture shows.
+
+    A region may hold nothing but the object: a close-up shows the table beside it.
+
+    Args:
+        region_xywh: First column, first row, width and height of the region.
+        depth_m: (H, W) metres, NaN in holes.
+        camera: Intrinsics; None where the view needs none.
+        view: What a network sees of the region.
+
+    Raises:
+        InvalidInputError: There is nothing but holes.
+    """
+    side_m = close_up_m(view)
+    if side_m is None or camera is None:
+        return find_table(depth_m, region_xywh)
+    x, y, width, height = region_xywh
+    middle = (x + (width - 1) / 2, y + (height - 1) / 2)
+    side = _pixels(side_m, find_table(depth_m), middle, camera)
+    wide, high = max(width, side), max(height, side)
+    return find_table(depth_m, (x + (width - wide) / 2, y + (height - high) / 2, wide, high))
+
+
+def _metric(
+    view: View, depth_m: NDArray[np.float32] | None, camera: Camera | None
+) -> tuple[NDArray[np.float32], Camera]:
+    """What a close-up needs.
+
+    Raises:
+        InvalidInputError: It is missing.
+    """
+    if depth_m is None or camera is None:
+        lacking = "without depth" if depth_m is None else "without a camera"
+        raise InvalidInputError(
+            f"view {view!r}", lacking, "a depth picture and its camera, to know the scale"
+        )
+    return depth_m, camera
+
+
+def _close_up(
+    part_m: NDArray[np.float32],
+    camera: Camera,
+    side_m: float,
+    size: int,
+    table: Table,
+    first: tuple[int, int],
+) -> Floats:
+    """The square of ``side_m`` about what stands on the table in a part of the picture.
+
+    Args:
+        part_m: (H, W) metres, NaN in holes.
+        camera: Intrinsics of the picture.
+        side_m: Side of the square on the table.
+        size: Side of the input, pixels.
+        table: The table, in pixels of the picture.
+        first: Column and row of the part's first pixel.
+    """
+    standing = _standing(part_m, table, camera, first)
+    first_x, last_x, first_y, last_y = standing
     middle = ((first_x + last_x) / 2, (first_y + last_y) / 2)
     side = max(
         _pixels(side_m, table, middle, camera),
@@ -150,20 +215,20 @@ def _close_up(depth_m: NDArray[np.float32], camera: Camera, side_m: float, size:
 
 def _pixels(length_m: float, table: Table, at: tuple[float, float], camera: Camera) -> float:
     """How long a length on the table looks at a pixel."""
-    inverse = float(table.plane @ np.array([*at, 1.0]))
-    return length_m * math.sqrt(camera.fx * camera.fy) * inverse
+    return length_m * math.sqrt(camera.fx * camera.fy) * table.inverse_depth(*at)
 
 
 def _standing(
-    depth_m: NDArray[np.float32], table: Table, camera: Camera
+    part_m: NDArray[np.float32], table: Table, camera: Camera, first: tuple[int, int]
 ) -> tuple[float, float, float, float]:
     """First and last column, first and last row of all that rises from the table.
 
-    The middle of the picture, where nothing does.
+    The middle of the part twice, where nothing does.
     """
-    rows, columns = depth_m.shape
+    rows, columns = part_m.shape
     step = max(1, max(rows, columns) // _SAMPLES_A_SIDE)
-    risen = (table.depth_m(depth_m.shape) - depth_m)[step // 2 :: step, step // 2 :: step]
+    shown = table.transformed(np.array([[1.0, 0, -first[0]], [0, 1, -first[1]], [0, 0, 1]]))
+    risen = (shown.depth_m(part_m.shape) - part_m)[step // 2 :: step, step // 2 :: step]
     low = np.nan_to_num(risen, nan=0.0)
     # Half of the picture is table: what lies lower than it says how far its noise reaches.
     below = low[low < 0]
@@ -172,19 +237,21 @@ def _standing(
     _, _, boxes, middles = cv2.connectedComponentsWithStats(standing, connectivity=8)
     kept = []
     for box, middle in zip(boxes[1:], middles[1:], strict=True):
-        scale = _pixels(1.0, table, (middle[0] * step, middle[1] * step), camera) / step
+        at = (middle[0] * step + first[0], middle[1] * step + first[1])
+        scale = _pixels(1.0, table, at, camera) / step
         if box[cv2.CC_STAT_AREA] >= _LEAST_AREA_M2 * scale * scale:
             kept.append(box)
+    x, y = first
     if not kept:
-        return (columns - 1) / 2, (columns - 1) / 2, (rows - 1) / 2, (rows - 1) / 2
-    first_x = min(box[cv2.CC_STAT_LEFT] for box in kept)
-    first_y = min(box[cv2.CC_STAT_TOP] for box in kept)
-    last_x = max(box[cv2.CC_STAT_LEFT] + box[cv2.CC_STAT_WIDTH] for box in kept) - 1
-    last_y = max(box[cv2.CC_STAT_TOP] + box[cv2.CC_STAT_HEIGHT] for box in kept) - 1
-    half = step // 2
+        x_middle, y_middle = x + (columns - 1) / 2, y + (rows - 1) / 2
+        return x_middle, x_middle, y_middle, y_middle
+    left, top = (min(box[i] for box in kept) for i in (cv2.CC_STAT_LEFT, cv2.CC_STAT_TOP))
+    right = max(box[cv2.CC_STAT_LEFT] + box[cv2.CC_STAT_WIDTH] for box in kept) - 1
+    bottom = max(box[cv2.CC_STAT_TOP] + box[cv2.CC_STAT_HEIGHT] for box in kept) - 1
+    x, y = x + step // 2, y + step // 2
     return (
-        float(first_x * step + half),
-        float(last_x * step + half),
-        float(first_y * step + half),
-        float(last_y * step + half),
+        float(left * step + x),
+        float(right * step + x),
+        float(top * step + y),
+        float(bottom * step + y),
     )

@@ -22,7 +22,8 @@ from graspmap.data.images import (
     to_input,
     warp,
 )
-from graspmap.data.windows import close_up_m, input_window, region_window
+from graspmap.data.table import find_table
+from graspmap.data.windows import close_up_m, input_window, region_table, region_window
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps
@@ -190,8 +191,9 @@ class Detector:
                 margin (see `graspmap.inference.locate.fitted`), and gives them its jaw size; needs
                 camera and depth.
             top: How many grasps at most.
-            region: (x, y, width, height) in pixels: the network looks at the square around it,
-                at its scale, and grasps are centred inside it.
+            region: (x, y, width, height) in pixels: the network looks at the square around it, one
+                that sees close-ups at what stands on the table inside it; grasps are centred inside
+                it.
             mask: (H, W) bool: grasps are centred where it is True.
             method: Decoding, see `graspmap.find_grasps`. A calibration is one of ``refined``; by
                 the others, quality stays the network's own.
@@ -244,13 +246,33 @@ class Detector:
         size = self.card.size
         if camera is None and close_up_m(self.card.view) is not None:
             camera = _assumed_camera(shape)
-        seen: dict[str, Any] = {"view": self.card.view, "depth_m": depth, "camera": camera}
-        if region is not None:
-            matrix = region_window(_check_region(region, shape), size, **seen)
+        where = None if region is None else _check_region(region, shape)
+        measured = self.card.channels != "rgb" and self.card.depth_zero == "table"
+        table = None
+        if depth is not None and (measured or close_up_m(self.card.view) is not None):
+            table = (
+                find_table(depth)
+                if where is None
+                else region_table(where, depth, camera, self.card.view)
+            )
+        seen: dict[str, Any] = {
+            "view": self.card.view,
+            "depth_m": depth,
+            "camera": camera,
+            "table": table,
+        }
+        if where is not None:
+            matrix = region_window(where, size, **seen)
         else:
             matrix = input_window(shape, size, **seen)
         inputs = to_input(
-            rgb, depth, self.card.channels, matrix, size, depth_zero=self.card.depth_zero
+            rgb,
+            depth,
+            self.card.channels,
+            matrix,
+            size,
+            depth_zero=self.card.depth_zero,
+            table=table,
         )
         return Prepared(inputs, matrix, _allowed(shape, region, mask, matrix, size), depth)
 
