@@ -127,6 +127,13 @@ def test_hulls_follow_the_surface(shape):
     assert short < 0.0006
 
 
+def test_a_field_without_a_body_is_drawn_again():
+    """The first noise of this object is nowhere thicker than a film."""
+    found = make_object(1005, 70, families=["pebble", "lump", "knot"])
+    assert found.id == "pebble-000070"
+    assert len(found.faces) > 100
+
+
 def test_hulls_of_a_blob_follow_the_surface():
     model = make_object(8, 3, families=("lump",))
     check(model, RANGES)

@@ -86,14 +86,21 @@ def _body(field: Floats) -> tuple[Floats, Faces]:
     return np.asarray(vertices, dtype=np.float64), np.asarray(faces[:, ::-1], dtype=np.int32)
 
 
-def _blob(draw: Draw, complexity: float) -> Solid:
+def _drawn_body(draw: Draw, complexity: float) -> tuple[Floats, Faces]:
+    """Surface of a noisy ellipsoid; without faces where it is nowhere thick."""
     field = _field(draw, complexity)
     axis = np.linspace(-1, 1, _CELLS)
     stretch = [draw.uniform(0.55, 1) for _ in range(3)]
     x, y, z = np.meshgrid(*(axis / s for s in stretch), indexing="ij")
     distance = np.sqrt(x**2 + y**2 + z**2)
     strength = 0.12 + 0.25 * complexity
-    vertices, faces = _body(strength * field + 0.62 - distance)
+    return _body(strength * field + 0.62 - distance)
+
+
+def _blob(draw: Draw, complexity: float) -> Solid:
+    vertices, faces = _drawn_body(draw, complexity)
+    while not len(faces):  # about one of 10,000 fields is nowhere thick enough for a body
+        vertices, faces = _drawn_body(draw, complexity)
     fewer, triangles = simplify(
         vertices.astype(np.float32), faces, target_count=min(_FACES, len(faces))
     )
