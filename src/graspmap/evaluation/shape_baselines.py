@@ -124,7 +124,7 @@ class AntipodalGrasp:
         length = np.linalg.norm(way, axis=1)
         grasps = _grasps((start + end) / 2, way / length[:, None], length + 1, quality[order])
         if camera is not None and gripper is not None and len(grasps):
-            _, grasps = fitted(grasps, locate(grasps, depth, camera)[1], gripper)
+            _, grasps, _ = fitted(grasps, locate(grasps, depth, camera)[1], gripper)
         return ShapeDetection(_spread(grasps, top, _APART * max(mask.shape)))
 
 

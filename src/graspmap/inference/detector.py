@@ -187,9 +187,8 @@ class Detector:
             depth: (H, W) metres, NaN or 0 where there is none; needed by networks that look at
                 depth, and for grasps in metres.
             camera: Intrinsics of the picture; gives `position_m` and `width_m`.
-            gripper: Leaves out grasps wider than it opens, narrows those that are so by their
-                margin (see `graspmap.inference.locate.fitted`), and gives them its jaw size; needs
-                camera and depth.
+            gripper: Leaves out grasps wider than it opens, gives the others some clearance (see
+                `graspmap.inference.locate.fitted`) and its jaw size; needs camera and depth.
             top: How many grasps at most.
             region: (x, y, width, height) in pixels: the network looks at the square around it, one
                 that sees close-ups at what stands on the table inside it; grasps are centred inside
@@ -324,9 +323,8 @@ class Detector:
         if camera is not None and depth is not None:
             position_m, width_m = locate(grasps, depth, camera)
             if gripper is not None:
-                kept, grasps = fitted(grasps, width_m, gripper)
-                grasps, position_m = grasps[:top], position_m[kept][:top]
-                width_m = np.minimum(width_m[kept][:top], gripper.max_opening_m)
+                kept, grasps, width_m = fitted(grasps, width_m, gripper)
+                grasps, position_m, width_m = grasps[:top], position_m[kept][:top], width_m[:top]
                 grasps = with_jaw(grasps, position_m[:, 2], camera, gripper)
         return Detection(grasps, maps, matrix, position_m, width_m)
 
