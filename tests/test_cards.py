@@ -233,9 +233,10 @@ def test_weights_by_name(capsys, folder, tmp_path, monkeypatch):
 
 
 def test_the_default_is_the_one_that_held_most(folder, generated, tmp_path, capsys):
-    """Of two networks of a kind: the card of one says that something held."""
-    for name in ("a", "b", "c"):
-        small(folder / f"{name}.safetensors")
+    """Whatever it sees beside depth: the card of one says that something held."""
+    for name, channels in (("a", "depth"), ("b", "depth"), ("c", "rgbd")):
+        small(folder / f"{name}.safetensors", channels)
+    assert default_weights().stem == "c"
     network, card = load_weights(folder / "b.safetensors")
     trials = {"trials": 5, "success": 0.4, "interval": (0.1, 0.8), "grippers": ("jacquard",)}
     measured = {

@@ -115,7 +115,7 @@ class Detector:
         Args:
             weights: A ``.safetensors`` file written by training or by ``graspmap weights import``,
                 or the name of weights that ship with graspmap (`graspmap weights list`); None: the
-                shipped ones for colour and depth (`default_weights` gives others).
+                best that ship (`default_weights`).
             backend: What runs the network; ``"torch"``.
             device: A torch device.
 

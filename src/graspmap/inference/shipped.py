@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from graspmap.data.images import Channels
+from graspmap.data.images import Channels, channel_count
 from graspmap.errors import InvalidInputError
 from graspmap.files import shipped_or_path
 from graspmap.inference.weights import SUFFIX, read_card
@@ -29,8 +29,8 @@ def weights_path(name_or_path: Path | str) -> Path:
 def default_weights(*, has_rgb: bool = True, has_depth: bool = True) -> Path:
     """The best weights that ship for the pictures that there are.
 
-    A network that looks at colour and depth is taken where there are both, else one of depth, else
-    one of colour; of several of a kind the one whose card says the highest trial success.
+    Of all that need no more than there is, the one whose card says the highest trial success: to
+    see colour as well helps on objects like those of the training, and less on others.
 
     Args:
         has_rgb: Whether there is a colour picture.
@@ -45,14 +45,13 @@ def default_weights(*, has_rgb: bool = True, has_depth: bool = True) -> Path:
         "rgb": has_rgb,
     }
     cards = {path: read_card(path) for path in shipped_weights().values()}
-    for channels in (name for name, there in usable.items() if there):
-        found = {
-            path: card.trial_success or 0.0
-            for path, card in cards.items()
-            if card.channels == channels
-        }
-        if found:
-            return max(found, key=lambda path: found[path])
+    found = {
+        path: (card.trial_success or 0.0, channel_count(card.channels))
+        for path, card in cards.items()
+        if usable[card.channels]
+    }
+    if found:
+        return max(found, key=lambda path: found[path])
     pictures = " and ".join(n for n, there in (("colour", has_rgb), ("depth", has_depth)) if there)
     raise InvalidInputError(
         "weights",
