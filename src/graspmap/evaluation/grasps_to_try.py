@@ -17,8 +17,9 @@ from graspmap.evaluation.evaluate import (
 )
 from graspmap.evaluation.judge import Progress
 from graspmap.evaluation.tabletops import scene_gripper
+from graspmap.evaluation.trial_plan import DEFAULT_GRIPPER
 from graspmap.geometry.grasps import Grasps
-from graspmap.gripper import Gripper
+from graspmap.gripper import Gripper, load_gripper
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +53,7 @@ def predict_scenes(
         detector: Sees colour and depth, never the mask or the labels.
         scenes: With the depth that the detector should see.
         top: How many a scene.
-        gripper: The gripper; None: that of each scene's record, where it has one.
+        gripper: The gripper; None: as in the trials, that of each scene's record, or Jacquard's.
         progress: Called after each scene.
 
     Returns:
@@ -61,7 +62,7 @@ def predict_scenes(
     found, skipped = {}, {}
     for index, name in enumerate(scenes.ids):
         try:
-            own = gripper or scene_gripper(scenes, index)
+            own = gripper or scene_gripper(scenes, index) or load_gripper(DEFAULT_GRIPPER)
             found[name] = detect_in(detector, scenes, index, top=top, method="refined", gripper=own)
         except GraspmapError as error:
             skipped[name] = str(error)
