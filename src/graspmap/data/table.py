@@ -125,7 +125,7 @@ def find_table(
     level = 1.0 / float(np.median(seen))
     back = np.linalg.inv(unit)
     for inverse in _fits(points @ unit.T, seen):
-        table = Table(Table(inverse, box).transformed(back).inverse, box)
+        table = Table(Table(inverse, box).transformed(back).inverse, box)  # the box is in pixels
         # No table is ten times as far away on one side of a picture as in its middle.
         corners = [table.inverse_depth(x, y) for x in (0, columns - 1) for y in (0, rows - 1)]
         if min(corners) > 0.1 * level:

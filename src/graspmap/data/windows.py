@@ -135,9 +135,12 @@ def region_window(
         return affine.window(x + (width - side) / 2, y + (height - side) / 2, side, size)
     depth_m, camera = _metric(view, depth_m, camera)
     table = table or region_table(numbers, depth_m, camera, view)
-    first = (max(0, math.ceil(x)), max(0, math.ceil(y)))
-    part = depth_m[first[1] : math.ceil(y + height), first[0] : math.ceil(x + width)]
-    return _close_up(part, camera, side_m, size, table, first)
+    rows, columns = depth_m.shape
+    # At least a pixel, and one of the picture.
+    left, top = (min(max(0, math.ceil(v)), n - 1) for v, n in ((x, columns), (y, rows)))
+    right, bottom = max(left + 1, math.ceil(x + width)), max(top + 1, math.ceil(y + height))
+    part = depth_m[top:bottom, left:right]
+    return _close_up(part, camera, side_m, size, table, (left, top))
 
 
 def region_table(
