@@ -23,8 +23,7 @@ import torch
 from benchmarks import simulation, usual
 from benchmarks.timing import Comparison, compare
 from graspmap import Grasps, Scenes, draw_maps, find_grasps, read_scenes
-from graspmap.data import open_store
-from graspmap.data.images import input_window
+from graspmap.data import input_window, open_store
 from graspmap.geometry import affine
 from graspmap.losses import GraspLoss
 from graspmap.maps import GraspMaps

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import ast
+import importlib.util
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
 
 import graspmap
 
@@ -140,3 +143,15 @@ def test_public_names_are_these():
     assert sorted(graspmap.__all__) == sorted(graspmap._HOME)
     for name in graspmap.__all__:
         assert getattr(graspmap, name).__name__ == name
+
+
+@pytest.mark.parametrize("folder", ["benchmarks", "studies"])
+def test_what_stands_beside_the_package_finds_what_it_takes_from_it(folder):
+    """Nothing else runs these: a name that has moved would be seen by their users first."""
+    beside = ROOT.parents[1] / folder
+    for path in sorted(beside.rglob("*.py")):
+        for name, line in imports(ast.parse(path.read_text())):
+            if name.startswith("graspmap."):
+                module, _, part = name.rpartition(".")
+                found = hasattr(importlib.import_module(module), part)
+                assert found or importlib.util.find_spec(name), f"{path}:{line}: {name}"
