@@ -240,7 +240,7 @@ def _experiment(flags: TrainForGripper, gripper: Gripper, shown_m: float) -> Exp
 
 def compared_weights(given: str | None, channels: str) -> Path | None:
     """The weights to compare with; None: with nothing."""
-    from graspmap.inference import read_card, shipped_weights, weights_path
+    from graspmap.inference import best_shipped, read_card, weights_path
 
     if given == NONE:
         return None
@@ -251,14 +251,10 @@ def compared_weights(given: str | None, channels: str) -> Path | None:
             raise UnknownNameError("--compare", given, [NONE, *error.choices]) from None
         read_card(path)
         return path
-    cards = {path: read_card(path) for path in shipped_weights().values()}
-    held = {
-        path: card.trial_success or 0.0 for path, card in cards.items() if card.channels == channels
-    }
-    if held:
-        return max(held, key=lambda path: held[path])
-    _LOG.info("no weights ship for %s: nothing to compare with (--compare W)", channels)
-    return None
+    found = best_shipped({channels})
+    if found is None:
+        _LOG.info("no weights ship for %s: nothing to compare with (--compare W)", channels)
+    return found
 
 
 def claim(job: Job) -> None:

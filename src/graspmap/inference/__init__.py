@@ -12,7 +12,7 @@ from graspmap.inference.measured import (
     QualityCard,
     TrialsCard,
 )
-from graspmap.inference.shipped import default_weights, shipped_weights, weights_path
+from graspmap.inference.shipped import best_shipped, default_weights, shipped_weights, weights_path
 from graspmap.inference.weights import (
     DataCard,
     WeightsCard,
@@ -34,6 +34,7 @@ __all__ = [
     "QualityCard",
     "TrialsCard",
     "WeightsCard",
+    "best_shipped",
     "default_weights",
     "import_weights",
     "load_weights",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 from graspmap.data.images import Channels, channel_count
@@ -26,6 +27,24 @@ def weights_path(name_or_path: Path | str) -> Path:
     return shipped_or_path(name_or_path, shipped_weights(), what="weights", own=f"a {SUFFIX} file")
 
 
+def best_shipped(channels: Collection[str]) -> Path | None:
+    """The shipped weights of the highest trial success; of equals, those that see most.
+
+    Args:
+        channels: What they may look at: ``depth``, ``rgb``, ``rgbd``.
+
+    Returns:
+        Their file; None where none look at these.
+    """
+    cards = {path: read_card(path) for path in shipped_weights().values()}
+    found = {
+        path: (card.trial_success or 0.0, channel_count(card.channels))
+        for path, card in cards.items()
+        if card.channels in channels
+    }
+    return max(found, key=lambda path: found[path], default=None)
+
+
 def default_weights(*, has_rgb: bool = True, has_depth: bool = True) -> Path:
     """The best weights that ship for the pictures that there are.
 
@@ -44,14 +63,9 @@ def default_weights(*, has_rgb: bool = True, has_depth: bool = True) -> Path:
         "depth": has_depth,
         "rgb": has_rgb,
     }
-    cards = {path: read_card(path) for path in shipped_weights().values()}
-    found = {
-        path: (card.trial_success or 0.0, channel_count(card.channels))
-        for path, card in cards.items()
-        if usable[card.channels]
-    }
-    if found:
-        return max(found, key=lambda path: found[path])
+    found = best_shipped({channels for channels, there in usable.items() if there})
+    if found is not None:
+        return found
     pictures = " and ".join(n for n, there in (("colour", has_rgb), ("depth", has_depth)) if there)
     raise InvalidInputError(
         "weights",
