@@ -22,6 +22,14 @@ DATA = Path(
 ).resolve()
 
 
+@pytest.fixture(scope="session", autouse=True)
+def own_cache(tmp_path_factory):
+    """What an earlier version of the code kept must not answer for this one."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("GRASPMAP_CACHE", str(tmp_path_factory.mktemp("kept")))
+        yield
+
+
 @pytest.fixture(scope="module")
 def one_thread():
     """PyTorch on one thread: on a busy machine, threads that wait for each other take minutes."""

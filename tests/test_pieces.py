@@ -16,9 +16,10 @@ from manifold3d import Manifold
 from scipy.spatial import ConvexHull
 
 from graspmap.errors import InvalidInputError, UnknownNameError
+from graspmap.files import cache_folder
 from graspmap.simulation import _child, pieces
 from graspmap.simulation.hulls import fewer_vertices, hull
-from graspmap.simulation.pieces import PiecesWarning, cache_folder, convex_pieces
+from graspmap.simulation.pieces import PiecesWarning, convex_pieces
 
 TORUS = trimesh.creation.torus(0.05, 0.015, major_sections=24, minor_sections=12)
 

@@ -19,7 +19,7 @@ from scipy.spatial import ConvexHull
 
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.gripper import load_gripper, profile_names
-from graspmap.simulation.procedural import FAMILIES, ObjectRanges, make_object
+from graspmap.simulation.procedural import FAMILIES, ObjectRanges, blobs, make_object
 from graspmap.simulation.procedural.draw import Draw
 from graspmap.simulation.procedural.make import _choose, _sound
 from graspmap.simulation.procedural.solid import Solid, hull
@@ -149,7 +149,7 @@ class TestIdentity:
         assert [digest(m) for m in first] == [digest(again[i]) for i in (1, 3, 0, 2)]
         assert [m.id for m in first] == [again[i].id for i in (1, 3, 0, 2)]
 
-    def test_same_bytes_in_another_process(self):
+    def test_same_bytes_in_another_process(self, tmp_path):
         names = ["mug", "wrench", "joined", "lump"]
         code = (
             "import hashlib, numpy as np\n"
@@ -157,11 +157,25 @@ class TestIdentity:
             f"{inspect.getsource(digest)}\n"
             f"for name in {names}: print(digest(make_object(5, 11, families=(name,))))"
         )
-        env = os.environ | {"PYTHONHASHSEED": "3", "OMP_NUM_THREADS": "1"}
+        env = os.environ | {
+            "PYTHONHASHSEED": "3",
+            "OMP_NUM_THREADS": "1",
+            "GRASPMAP_CACHE": str(tmp_path),  # nothing that was made before
+        }
         done = subprocess.run(
             [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
         )
         assert done.stdout.split() == [digest(make_object(5, 11, families=(n,))) for n in names]
+
+    def test_pieces_of_a_blob_are_kept(self, tmp_path, monkeypatch):
+        monkeypatch.setenv("GRASPMAP_CACHE", str(tmp_path))
+        first = digest(make_object(5, 12, families=("pebble",)))
+        (file,) = tmp_path.rglob("*.npz")
+        with monkeypatch.context() as patch:
+            patch.setattr(blobs, "pieces_by_cuts", lambda *_: pytest.fail("computed again"))
+            assert digest(make_object(5, 12, families=("pebble",))) == first
+        file.write_bytes(b"PK")
+        assert digest(make_object(5, 12, families=("pebble",))) == first
 
     def test_ids_are_unique_and_fit_for_files(self):
         ids = [make_object(1, i, families=("extrusion",)).id for i in range(25)]

@@ -40,6 +40,14 @@ def _umask() -> int:
 _UMASK = _umask()
 
 
+def cache_folder() -> Path:
+    """``$GRASPMAP_CACHE``, or ``graspmap`` in the user's folder of caches."""
+    if "GRASPMAP_CACHE" in os.environ:
+        return Path(os.environ["GRASPMAP_CACHE"])
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "graspmap"
+
+
 def shipped_or_path(
     name_or_path: Path | str, shipped: Mapping[str, Path], *, what: str, own: str
 ) -> Path:

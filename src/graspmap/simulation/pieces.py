@@ -5,13 +5,8 @@ Letters in shapes: V vertices, F triangles, P vertices of one convex piece.
 
 from __future__ import annotations
 
-import hashlib
-import io
-import logging
 import math
-import os
 import warnings
-import zipfile
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -20,16 +15,15 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspmap.errors import FileError, GraspmapWarning, InvalidInputError, UnknownNameError
-from graspmap.files import write_bytes
+from graspmap.errors import GraspmapWarning, InvalidInputError, UnknownNameError
 from graspmap.simulation import _child
+from graspmap.simulation.piece_cache import kept_pieces
 from graspmap.simulation.solids import checked_surface, mass_properties
 
 Floats = NDArray[np.float64]
 Faces = NDArray[np.int32]
 Method = Literal["cuts", "coacd"]
 
-_LOG = logging.getLogger(__name__)
 _VERSION = 1  # counts up whenever the same surface would give other pieces
 _GRID = 2.0**-26  # of coordinates, of the longest side: a surface and its larger copy are one
 _CONVEX = 1e-6  # of its volume may a convex surface lack of its hull
@@ -87,7 +81,7 @@ def convex_pieces(
         seed: Of CoACD's search.
         max_vertices: Of one hull, at least 26; larger ones lose what matters least.
         timeout_s: See ``method``.
-        cache: Folder of the cache; by default `cache_folder`.
+        cache: Folder of the cache; by default `graspmap.files.cache_folder`.
 
     Returns:
         (P, 3) vertices of each piece, in the unit and frame of the surface. A convex surface is
@@ -107,27 +101,15 @@ def convex_pieces(
     if not longest > 0 or mass_properties(points, triangles).volume_m3 <= 0:
         raise InvalidInputError("surface", "flat or inside out", "a surface round a body")
     unit = np.round((points - middle) / longest / _GRID) * _GRID
-    path = (
-        (Path(cache) if cache else cache_folder())
-        / "pieces"
-        / f"{_key(unit, triangles, settings)}.npz"
+    pieces, remark = kept_pieces(
+        _facts(settings),
+        (unit, triangles),
+        lambda: _decompose(unit, triangles, settings),
+        cache=cache,
     )
-    found = _load(path)
-    if found is None:
-        found = _decompose(unit, triangles, settings)
-        _save(path, *found)
-    pieces, remark = found
     if remark:
         warnings.warn(remark, PiecesWarning, stacklevel=2)
     return tuple(piece * longest + middle for piece in pieces)
-
-
-def cache_folder() -> Path:
-    """``$GRASPMAP_CACHE``, or ``graspmap`` in the user's folder of caches."""
-    if "GRASPMAP_CACHE" in os.environ:
-        return Path(os.environ["GRASPMAP_CACHE"])
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "graspmap"
 
 
 def _decompose(vertices: Floats, faces: Faces, settings: _Settings) -> tuple[list[Floats], str]:
@@ -170,39 +152,11 @@ def _searched(vertices: Floats, faces: Faces, settings: _Settings) -> tuple[list
     return [], f"CoACD failed: {problem}; the pieces are made by cuts"
 
 
-def _key(vertices: Floats, faces: Faces, settings: _Settings) -> str:
-    facts = {"version": _VERSION, **asdict(settings), "manifold3d": version("manifold3d")}
+def _facts(settings: _Settings) -> dict[str, object]:
+    """What pieces follow from beside their surface."""
+    facts: dict[str, object] = {"version": _VERSION, **asdict(settings)}
     if settings.method == "coacd":
         facts["coacd"] = version("coacd")
     else:  # what makes no difference must not make another key
         del facts["seed"], facts["timeout_s"]
-    digest = hashlib.blake2b(repr(sorted(facts.items())).encode(), digest_size=20)
-    for array in (vertices, faces):
-        digest.update(repr(array.shape).encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
-
-
-def _load(path: Path) -> tuple[list[Floats], str] | None:
-    """What `_save` wrote; None where there is nothing, or something damaged."""
-    try:
-        with np.load(io.BytesIO(path.read_bytes())) as content:
-            remark = str(content["remark"])
-            pieces = [content[name] for name in sorted(content.files) if name != "remark"]
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        _LOG.warning("%s is damaged (%s), it is made again", path, error)
-        return None
-    whole = all(p.ndim == 2 and p.shape[1:] == (3,) and np.isfinite(p).all() for p in pieces)
-    return (pieces, remark) if pieces and whole else None
-
-
-def _save(path: Path, pieces: list[Floats], remark: str) -> None:
-    content = io.BytesIO()
-    named = {f"{number:05d}": piece for number, piece in enumerate(pieces)}
-    np.savez(content, remark=np.array(remark), **named)  # type: ignore[arg-type]
-    try:
-        write_bytes(path, content.getvalue())
-    except FileError as error:
-        _LOG.warning("the pieces are not kept: %s", error)  # a full disk costs time, no more
+    return facts

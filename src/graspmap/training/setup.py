@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,7 +31,7 @@ from graspmap.errors import (
     InvalidInputError,
     storage_errors,
 )
-from graspmap.files import read_bytes, remove_parts, write_text
+from graspmap.files import cache_folder, read_bytes, remove_parts, write_text
 from graspmap.training.apart import check_apart
 from graspmap.training.callbacks import Progress
 from graspmap.training.data import greatest_opening
@@ -220,7 +219,7 @@ def prepare(experiment: Experiment, folder: Folder, device: str, progress: Progr
         check_apart({"train": trained, **{name: found for name, (_, found) in others.items()}})
     with progress("packing pictures") as update:
         store = open_store(
-            scenes, cache_folder(experiment), size=values.size, view=values.view, progress=update
+            scenes, _store_folder(experiment), size=values.size, view=values.view, progress=update
         )
     drawn = {
         name: _labelled(store, split, name, values.source) for name in PARTS if name not in others
@@ -295,7 +294,7 @@ def _other_part(
     view = experiment.data.view if view is None else view
     with progress(f"packing pictures of the {part}") as update:
         store = open_store(
-            scenes, cache_folder(experiment), size=experiment.data.size, view=view, progress=update
+            scenes, _store_folder(experiment), size=experiment.data.size, view=view, progress=update
         )
     indices = tuple(i for i in range(len(store)) if len(store.read_grasps(i) or ()))
     if not indices:
@@ -333,14 +332,10 @@ def _read_facts(path: Path) -> dict[str, Any]:
     return facts
 
 
-def cache_folder(experiment: Experiment) -> Path:
+def _store_folder(experiment: Experiment) -> Path:
     """Where packed pictures are kept."""
-    if experiment.data.cache_dir is not None:
-        return Path(experiment.data.cache_dir).expanduser()
-    if "GRASPMAP_CACHE" in os.environ:
-        return Path(os.environ["GRASPMAP_CACHE"])
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "graspmap"
+    own = experiment.data.cache_dir
+    return cache_folder() if own is None else Path(own).expanduser()
 
 
 def _split(experiment: Experiment, scenes: Scenes, folder: Folder) -> Split:
