@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from graspmap.data import images, input_window, region_window
+from graspmap.data import images, input_window
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.geometry import affine
 from graspmap.geometry.grasps import Grasps
@@ -280,8 +280,8 @@ def test_input_window_of_the_same_size_is_a_crop():
     )
 
 
-def test_region_window():
-    matrix = region_window((100, 50, 40, 80), 160)
+def test_input_window_of_a_region():
+    matrix = input_window((480, 640), 160, region_xywh=(100, 50, 40, 80))
     corners = affine.apply(matrix, [[99.5, 49.5], [139.5, 129.5]])
     np.testing.assert_allclose(corners, [[39.5, -0.5], [119.5, 159.5]])
 
@@ -293,9 +293,9 @@ def test_input_window_refuses(view):
 
 
 @pytest.mark.parametrize("region", [(0, 0, 0, 5), (0, 0, 5, -1), (0, 0, 5), (0, math.nan, 5, 5)])
-def test_region_window_refuses(region):
+def test_input_window_of_a_region_refuses(region):
     with pytest.raises(InvalidInputError, match="region"):
-        region_window(region, 5)
+        input_window((10, 10), 5, region_xywh=region)
 
 
 # The input of a network

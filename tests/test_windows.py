@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
-from graspmap.data import input_window, region_window, warp
+from graspmap.data import input_window, warp
 from graspmap.data.windows import View, close_up_m
 from graspmap.errors import InvalidInputError
 from graspmap.geometry.affine import apply
@@ -116,14 +116,17 @@ def test_a_region_says_which_thing_is_seen_at_the_scale_of_a_close_up():
     middle = [[(columns.min() + columns.max()) / 2, (rows.min() + rows.max()) / 2]]
     # Nothing but the top of the box; the box and a part of the table; no more of the other box.
     for region in ((181, 111, 17, 17), (180, 100, 50, 60), (120, 20, 190, 215)):
-        matrix = region_window(region, SIZE, **about)
+        matrix = input_window(depth.shape, SIZE, region_xywh=region, **about)
         assert SIZE / matrix[0, 0] == pytest.approx(60, rel=0.02)  # 20 cm at 1 m
         assert np.abs(apply(matrix, np.array(middle)) - (SIZE - 1) / 2).max() < 5
     for region in ((199.3, 119.2, 0.4, 0.3), (316, 230, 40, 40), (400, 10, 5, 5)):  # next to none
-        assert SIZE / region_window(region, SIZE, **about)[0, 0] == pytest.approx(60, rel=0.02)
-    both = region_window((0, 0, 320, 240), SIZE, **about)
+        assert SIZE / input_window(depth.shape, SIZE, region_xywh=region, **about)[
+            0, 0
+        ] == pytest.approx(60, rel=0.02)
+    both = input_window(depth.shape, SIZE, region_xywh=(0, 0, 320, 240), **about)
     assert np.allclose(both, input_window(depth.shape, SIZE, **about), atol=1e-6)
-    assert SIZE / region_window((180, 110, 20, 30), SIZE)[0, 0] == pytest.approx(30)
+    square = input_window(depth.shape, SIZE, region_xywh=(180, 110, 20, 30))
+    assert SIZE / square[0, 0] == pytest.approx(30)
 
 
 def test_a_region_leaves_out_the_wall():
@@ -132,7 +135,14 @@ def test_a_region_leaves_out_the_wall():
         distance=1.0, focal=300, tilt=0.2, at=(0.1, 0.2), half=0.03, rise=0.03
     )
     depth[:140] = 1.6  # more than half of the picture is wall
-    matrix = region_window((100, 141, 160, 90), SIZE, view="20 cm", depth_m=depth, camera=camera)
+    matrix = input_window(
+        depth.shape,
+        SIZE,
+        region_xywh=(100, 141, 160, 90),
+        view="20 cm",
+        depth_m=depth,
+        camera=camera,
+    )
     on[:141] = False
     rows, columns = np.nonzero(on)
     assert len(rows)

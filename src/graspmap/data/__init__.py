@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from graspmap.data.scene import Scene, Scenes
     from graspmap.data.split import Split, make_folds, make_split, read_split
     from graspmap.data.store import Store, open_store
-    from graspmap.data.windows import input_window, region_window
+    from graspmap.data.windows import input_window
 
 __all__ = [
     "JACQUARD_SIDE_PX",
@@ -62,7 +62,6 @@ __all__ = [
     "read_predictions",
     "read_scenes",
     "read_split",
-    "region_window",
     "smallest_jaws",
     "to_input",
     "warp",
@@ -96,7 +95,6 @@ _HOME = {
     "read_predictions": "jacquard_predictions",
     "read_scenes": "kinds",
     "read_split": "split",
-    "region_window": "windows",
     "smallest_jaws": "jacquard_labels",
     "to_input": "images",
     "warp": "images",

@@ -78,8 +78,13 @@ class Table:
             raise InvalidInputError("matrix", m.tolist(), "zoom and shift alone")
         x, y = np.array(self.box).reshape(2, 2)
         x, y = m[0, 0] * x + m[0, 2], m[1, 1] * y + m[1, 2]
-        across, down = (_powers(m[axis, axis], m[axis, 2]) for axis in (0, 1))
-        return Table(down.T @ self.inverse @ across, (x[0], x[1], y[0], y[1]))
+        return Table(_moved(self.inverse, m), (x[0], x[1], y[0], y[1]))
+
+
+def _moved(inverse: Floats, m: Floats) -> Floats:
+    """(4, 4) coefficients of a table in pixels that were zoomed and shifted."""
+    across, down = (_powers(m[axis, axis], m[axis, 2]) for axis in (0, 1))
+    return np.asarray(down.T @ inverse @ across)
 
 
 def _powers(zoom: float, shift: float) -> Floats:
@@ -125,7 +130,7 @@ def find_table(
     level = 1.0 / float(np.median(seen))
     back = np.linalg.inv(unit)
     for inverse in _fits(points @ unit.T, seen):
-        table = Table(Table(inverse, box).transformed(back).inverse, box)  # the box is in pixels
+        table = Table(_moved(inverse, back), box)
         # No table is ten times as far away on one side of a picture as in its middle.
         corners = [table.inverse_depth(x, y) for x in (0, columns - 1) for y in (0, rows - 1)]
         if min(corners) > 0.1 * level:
@@ -185,13 +190,13 @@ def _refined(terms: Floats, depth_m: Floats, start: Floats) -> tuple[Floats, flo
     inverse = 1.0 / depth_m
     found, deviation = start, 0.0
     kept = np.ones(len(depth_m), dtype=bool)
-    for round in range(_ROUNDS):
+    for fit in range(_ROUNDS):
         behind = _behind(terms, depth_m, found)
         middle = np.median(behind[kept])
         deviation = 1.4826 * float(np.median(np.abs(behind[kept] - middle)))
         most = max(_DEVIATIONS * deviation, _LEAST_M)
         chosen = (behind > -most) & (behind < _BEYOND * most)
-        if not chosen.any() or (round and np.array_equal(chosen, kept)):
+        if not chosen.any() or (fit and np.array_equal(chosen, kept)):
             break
         kept = chosen
         found = _solve(terms[kept], inverse[kept])

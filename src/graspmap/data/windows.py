@@ -36,6 +36,7 @@ in centimetres (``"36 cm"``): a close-up of what stands on the table, see `input
 VIEW_ALLOWED = "'contain', 'cover', a side in pixels, 1 to 16384, or in centimetres ('36 cm')"
 
 Floats = NDArray[np.float64]
+Region = tuple[float, float, float, float]
 
 _SAMPLES_A_SIDE = 128
 _LEAST_RISE_M = 0.004  # what rises less is not told from the table's noise
@@ -67,6 +68,7 @@ def input_window(
     size: int,
     *,
     view: View = "contain",
+    region_xywh: Region | None = None,
     depth_m: NDArray[np.float32] | None = None,
     camera: Camera | None = None,
     table: Table | None = None,
@@ -81,95 +83,81 @@ def input_window(
             about the picture's middle. ``"36 cm"``: the square of that side on the table about
             what stands on it, so that the network sees all things at one scale, however far the
             camera; where more stands on the table than fits, the square grows.
+        region_xywh: First column x, first row y, width and height of a region of interest, pixels.
+            The square then has its longer side and its centre, whatever the view; but a close-up is
+            about what stands on the table inside the region.
         depth_m: (H, W) metres, NaN in holes; needed by a side in centimetres.
         camera: Intrinsics; needed by it, too.
-        table: What the depth shows objects on, where it was found already (`find_table`).
+        table: What the depth shows objects on, where it was found already (`shown_table`).
 
     Raises:
-        InvalidInputError: A size is not positive, the view is none of these, or a close-up lacks
-            depth or camera.
+        InvalidInputError: A size is not positive, the view is none of these, the region is not
+            four finite numbers with sizes above 0, or a close-up lacks depth or camera.
     """
     rows, columns = shape
+    if region_xywh is not None:
+        region_xywh = _checked(region_xywh)
     side_m = close_up_m(view)
     if side_m is not None:
         depth_m, camera = _metric(view, depth_m, camera)
-        return _close_up(depth_m, camera, side_m, size, table or find_table(depth_m), (0, 0))
+        table = table or shown_table(depth_m, region_xywh, view=view, camera=camera)
+        left, top, right, bottom = _inside(shape, region_xywh or (0, 0, columns, rows))
+        part = depth_m[top:bottom, left:right]
+        return _close_up(part, camera, side_m, size, table, (left, top))
+    if region_xywh is not None:
+        x, y, width, height = region_xywh
+        longer = max(width, height)
+        return affine.window(x + (width - longer) / 2, y + (height - longer) / 2, longer, size)
     side = {"contain": max(rows, columns), "cover": min(rows, columns)}.get(str(view), view)
     assert isinstance(side, int)
     # Whole pixels: a window of the input's own size is then cut out without resampling.
     return affine.window((columns - side) // 2, (rows - side) // 2, side, size)
 
 
-def region_window(
-    region_xywh: tuple[float, float, float, float],
-    size: int,
+def shown_table(
+    depth_m: NDArray[np.float32],
+    region_xywh: Region | None = None,
     *,
     view: View = "contain",
-    depth_m: NDArray[np.float32] | None = None,
     camera: Camera | None = None,
-    table: Table | None = None,
-) -> Floats:
-    """(3, 3) map of the square around a region of interest onto size x size pixels.
-
-    Args:
-        region_xywh: First column x, first row y, width and height of the region, pixels. The
-            square has the longer side and the same centre; a close-up is the square of the
-            network's scale about what stands on the table inside the region.
-        size: Side of the input, pixels.
-        view: The network's, see `input_window`.
-        depth_m: As there.
-        camera: As there.
-        table: As there; of the region.
-
-    Raises:
-        InvalidInputError: Not four finite numbers, a width or height that is not positive, or a
-            close-up lacks depth or camera.
-    """
-    numbers = tuple(float(v) for v in region_xywh)
-    if len(numbers) != 4 or not all(map(math.isfinite, numbers)) or min(numbers[2:]) <= 0:
-        raise InvalidInputError("region", region_xywh, "x, y, width, height with sizes above 0")
-    x, y, width, height = numbers
-    side_m = close_up_m(view)
-    if side_m is None:
-        side = max(width, height)
-        return affine.window(x + (width - side) / 2, y + (height - side) / 2, side, size)
-    depth_m, camera = _metric(view, depth_m, camera)
-    table = table or region_table(numbers, depth_m, camera, view)
-    rows, columns = depth_m.shape
-    # At least a pixel, and one of the picture.
-    left, top = (min(max(0, math.ceil(v)), n - 1) for v, n in ((x, columns), (y, rows)))
-    right, bottom = max(left + 1, math.ceil(x + width)), max(top + 1, math.ceil(y + height))
-    part = depth_m[top:bottom, left:right]
-    return _close_up(part, camera, side_m, size, table, (left, top))
-
-
-def region_table(
-    region_xywh: tuple[float, float, float, float],
-    depth_m: NDArray[np.float32],
-    camera: Camera | None,
-    view: View,
 ) -> Table:
-    """The table about a region of interest, whatever else the picture shows.
+    """The table of a picture, or that about a region of interest, whatever else the picture shows.
 
     A region may hold nothing but the object: a close-up shows the table beside it.
 
     Args:
-        region_xywh: First column, first row, width and height of the region.
         depth_m: (H, W) metres, NaN in holes.
+        region_xywh: First column, first row, width and height of the region; None: all of it.
+        view: What a network sees of it.
         camera: Intrinsics; None where the view needs none.
-        view: What a network sees of the region.
 
     Raises:
         InvalidInputError: There is nothing but holes.
     """
     side_m = close_up_m(view)
-    if side_m is None or camera is None:
+    if region_xywh is None or side_m is None or camera is None:
         return find_table(depth_m, region_xywh)
     x, y, width, height = region_xywh
     middle = (x + (width - 1) / 2, y + (height - 1) / 2)
     side = _pixels(side_m, find_table(depth_m), middle, camera)
     wide, high = max(width, side), max(height, side)
     return find_table(depth_m, (x + (width - wide) / 2, y + (height - high) / 2, wide, high))
+
+
+def _checked(region_xywh: Region) -> Region:
+    numbers = tuple(float(v) for v in region_xywh)
+    if len(numbers) != 4 or not all(map(math.isfinite, numbers)) or min(numbers[2:]) <= 0:
+        raise InvalidInputError("region", region_xywh, "x, y, width, height with sizes above 0")
+    x, y, width, height = numbers
+    return x, y, width, height
+
+
+def _inside(shape: tuple[int, int], region_xywh: Region) -> tuple[int, int, int, int]:
+    """First column and row of a region and those after its last; at least one pixel."""
+    rows, columns = shape
+    x, y, width, height = region_xywh
+    left, top = (min(max(0, math.ceil(v)), n - 1) for v, n in ((x, columns), (y, rows)))
+    return left, top, max(left + 1, math.ceil(x + width)), max(top + 1, math.ceil(y + height))
 
 
 def _metric(

@@ -17,13 +17,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from graspmap.data.images import (
-    check_depth_m,
-    to_input,
-    warp,
-)
-from graspmap.data.table import find_table
-from graspmap.data.windows import close_up_m, input_window, region_table, region_window
+from graspmap.data.images import check_depth_m, to_input, warp
+from graspmap.data.windows import close_up_m, input_window, shown_table
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps
@@ -242,28 +237,18 @@ class Detector:
         shape = self._check(rgb, depth, mask, camera)
         if depth is not None:
             depth = check_depth_m(depth, "the picture")
-        size = self.card.size
-        if camera is None and close_up_m(self.card.view) is not None:
+        view, size = self.card.view, self.card.size
+        close_up = close_up_m(view) is not None
+        if camera is None and close_up:
             camera = _assumed_camera(shape)
         where = None if region is None else _check_region(region, shape)
         measured = self.card.channels != "rgb" and self.card.depth_zero == "table"
         table = None
-        if depth is not None and (measured or close_up_m(self.card.view) is not None):
-            table = (
-                find_table(depth)
-                if where is None
-                else region_table(where, depth, camera, self.card.view)
-            )
-        seen: dict[str, Any] = {
-            "view": self.card.view,
-            "depth_m": depth,
-            "camera": camera,
-            "table": table,
-        }
-        if where is not None:
-            matrix = region_window(where, size, **seen)
-        else:
-            matrix = input_window(shape, size, **seen)
+        if depth is not None and (measured or close_up):
+            table = shown_table(depth, where, view=view, camera=camera)
+        matrix = input_window(
+            shape, size, view=view, region_xywh=where, depth_m=depth, camera=camera, table=table
+        )
         inputs = to_input(
             rgb,
             depth,
