@@ -17,9 +17,9 @@ from graspmap.evaluation.evaluate import (
 )
 from graspmap.evaluation.judge import Progress
 from graspmap.evaluation.tabletops import scene_gripper
-from graspmap.evaluation.trial_plan import DEFAULT_GRIPPER
+from graspmap.evaluation.trial_plan import first_gripper
 from graspmap.geometry.grasps import Grasps
-from graspmap.gripper import Gripper, load_gripper
+from graspmap.gripper import Gripper
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ def predict_scenes(
     found, skipped = {}, {}
     for index, name in enumerate(scenes.ids):
         try:
-            own = gripper or scene_gripper(scenes, index) or load_gripper(DEFAULT_GRIPPER)
+            own = first_gripper(gripper, scene_gripper(scenes, index))
             found[name] = detect_in(detector, scenes, index, top=top, method="refined", gripper=own)
         except GraspmapError as error:
             skipped[name] = str(error)

@@ -15,6 +15,11 @@ Jaw = Literal["nearest", "given"]
 DEFAULT_GRIPPER = "jacquard"
 
 
+def first_gripper(*grippers: Gripper | None) -> Gripper:
+    """The first that there is; Jacquard's, where there is none."""
+    return next((g for g in grippers if g is not None), None) or load_gripper(DEFAULT_GRIPPER)
+
+
 @dataclass(frozen=True)
 class TrialPlan:
     """How grasps of a data set are tried.
@@ -75,7 +80,7 @@ class TrialPlan:
 
     def gripper_for(self, world: SceneWorld) -> Gripper:
         """The gripper that grasps on a scene are tried with."""
-        return self.gripper or world.gripper or load_gripper(DEFAULT_GRIPPER)
+        return first_gripper(self.gripper, world.gripper)
 
     def settings_for(self, world: SceneWorld) -> TrialSettings:
         """The settings that grasps on a scene are tried with."""
