@@ -26,7 +26,7 @@ CLEARANCE = 0.1
 """How much farther a gripper opens than it is asked to, as a part of what it opens.
 
 A grasp is seen to a few millimetres only, and a finger that comes down on the object ends it. On
-the validation scenes of graspmap-v1 24 mm of 240 held 5 of 100 grasps more (docs/results.md).
+the validation scenes of graspmap-v1 24 mm of 240 held 6 of 100 grasps more (docs/results.md).
 """
 
 
