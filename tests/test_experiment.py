@@ -282,9 +282,14 @@ def test_precision_may_be_written_as_a_number(file):
     assert read_experiment(path, flags).training.precision == "16"
 
 
-@pytest.mark.parametrize(
-    "flag", ["--training.workers=100000", "--network.bins=1000000000", "--data.view=1000000000"]
-)
+@pytest.mark.parametrize("flag", ["--training.workers=100000", "--network.bins=1000000000"])
 def test_numbers_that_would_only_fill_the_memory(file, flag):
     with pytest.raises(ConfigError, match="less than or equal to"):
         read_experiment(file("data: {source: x}"), [flag])
+
+
+@pytest.mark.parametrize("view", ["1000000000", "0", "true", "36cm", "0 cm", "fill", "[1]"])
+def test_views_that_there_are_not(file, view):
+    allowed = "'contain', 'cover', a side in pixels, 1 to 16384, or in centimetres"
+    with pytest.raises(ConfigError, match=rf"data.view: is .*allowed: {allowed}"):
+        read_experiment(file("data: {source: x}"), [f"--data.view={view}"])

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Annotated, Literal
+from typing import Annotated
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import PlainValidator
 
 from graspmap.data.table import Table, find_table
 from graspmap.errors import InvalidInputError
@@ -25,15 +25,26 @@ CLOSE_UP = r"^(\d{1,4}(?:\.\d+)?) cm$"
 
 MOST_PX = 16384
 
-View = (
-    Literal["contain", "cover"]
-    | Annotated[int, Field(ge=1, le=MOST_PX)]
-    | Annotated[str, Field(pattern=CLOSE_UP)]
-)
+VIEW_ALLOWED = "'contain', 'cover', a side in pixels, 1 to 16384, or in centimetres ('36 cm')"
+
+
+def _checked_view(view: object) -> int | str:
+    """For pydantic: a view as it is.
+
+    Raises:
+        ValueError: It is none.
+    """
+    try:
+        close_up_m(view)  # type: ignore[arg-type]
+    except InvalidInputError:
+        raise ValueError(f"allowed: {VIEW_ALLOWED}") from None
+    assert isinstance(view, int | str)
+    return view
+
+
+View = Annotated[int | str, PlainValidator(_checked_view)]
 """Which square of a picture is used: all of it, the largest inside it, a side in pixels, or a side
 in centimetres (``"36 cm"``): a close-up of what stands on the table, see `input_window`."""
-
-VIEW_ALLOWED = "'contain', 'cover', a side in pixels, 1 to 16384, or in centimetres ('36 cm')"
 
 Floats = NDArray[np.float64]
 Region = tuple[float, float, float, float]
