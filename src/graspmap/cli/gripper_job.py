@@ -20,6 +20,7 @@ from graspmap.errors import (
 )
 
 if TYPE_CHECKING:
+    from graspmap.data.images import Channels
     from graspmap.generation.plan import GenerationPlan
     from graspmap.gripper import Gripper
     from graspmap.training import Experiment
@@ -238,7 +239,7 @@ def _experiment(flags: TrainForGripper, gripper: Gripper, shown_m: float) -> Exp
     return experiment
 
 
-def compared_weights(given: str | None, channels: str) -> Path | None:
+def compared_weights(given: str | None, channels: Channels) -> Path | None:
     """The weights to compare with; None: with nothing."""
     from graspmap.inference import best_shipped, read_card, weights_path
 

@@ -62,7 +62,7 @@ def predict_scenes(
     found, skipped = {}, {}
     for index, name in enumerate(scenes.ids):
         try:
-            own = first_gripper(gripper, scene_gripper(scenes, index))
+            own = gripper or first_gripper(scene_gripper(scenes, index))
             found[name] = detect_in(detector, scenes, index, top=top, method="refined", gripper=own)
         except GraspmapError as error:
             skipped[name] = str(error)

@@ -27,7 +27,7 @@ def weights_path(name_or_path: Path | str) -> Path:
     return shipped_or_path(name_or_path, shipped_weights(), what="weights", own=f"a {SUFFIX} file")
 
 
-def best_shipped(channels: Collection[str]) -> Path | None:
+def best_shipped(channels: Collection[Channels]) -> Path | None:
     """The shipped weights of the highest trial success; of equals, those that see most.
 
     Args:

@@ -38,12 +38,13 @@ def kept_pieces(
 
     Args:
         facts: Settings that the pieces follow from, with the version of the way they are made;
-            that of manifold3d is added.
+            those of manifold3d and scipy are added.
         arrays: The surface that they follow from.
         make: Makes (P, 3) vertices of each piece, and a remark on them.
         cache: Folder of the cache; by default `cache_folder`.
     """
-    name = _key({**facts, "manifold3d": version("manifold3d")}, arrays)
+    tools = {name: version(name) for name in ("manifold3d", "scipy")}
+    name = _key({**facts, **tools}, arrays)
     path = (Path(cache) if cache else cache_folder()) / "pieces" / f"{name}.npz"
     found = _load(path)
     if found is None:

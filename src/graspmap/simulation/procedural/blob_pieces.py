@@ -18,6 +18,10 @@ from graspmap.simulation.procedural.solid import Faces, Floats, arrays, manifold
 
 Normal = tuple[float, float, float]
 
+CUTS_VERSION = 1
+"""Counts up whenever the same surface would give other pieces, be it for `convex` or `solid`: they
+are kept on disk."""
+
 _REFINED = 4  # directions whose halving does best; along these other places are tried too
 _SHARES = (0.2, 0.35, 0.65, 0.8)
 _DIAGONAL = 0.5**0.5

@@ -21,11 +21,10 @@ from scipy import ndimage
 from skimage.measure import marching_cubes
 
 from graspmap.simulation.piece_cache import kept_pieces
-from graspmap.simulation.procedural.blob_pieces import pieces_by_cuts
+from graspmap.simulation.procedural.blob_pieces import CUTS_VERSION, pieces_by_cuts
 from graspmap.simulation.procedural.draw import Draw
 from graspmap.simulation.procedural.solid import Faces, Floats, Solid, arrays, manifold, snap
 
-_VERSION = 1  # counts up whenever the same surface would give other pieces
 _CELLS = 40  # along each side of the grid
 _FACES = 2500
 _MOST_PIECES = 64
@@ -118,7 +117,12 @@ def _blob(draw: Draw, complexity: float) -> Solid:
 def _kept_pieces(vertices: Floats, faces: Faces, tolerance_m: float) -> tuple[Floats, ...]:
     """Pieces of a body. They take a second, whoever tries a grasp needs them again: kept."""
     pieces, _ = kept_pieces(
-        {"method": "blob", "version": _VERSION, "tolerance_m": tolerance_m, "most": _MOST_PIECES},
+        {
+            "method": "blob",
+            "version": CUTS_VERSION,
+            "tolerance_m": tolerance_m,
+            "most": _MOST_PIECES,
+        },
         (vertices, faces),
         lambda: (pieces_by_cuts(vertices, faces, tolerance_m, _MOST_PIECES), ""),
     )
