@@ -13,7 +13,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from graspmap import files
-from graspmap.data import other_poses
 from graspmap.data.jacquard import (
     JacquardScenes,
     format_grasps,
@@ -437,24 +436,19 @@ def test_label_text_survives(tmp_path_factory, theta, x):
     assert format_grasps(read_grasps(path)) == once
 
 
-rows_of_jaws = st.lists(
-    st.tuples(st.integers(0, 2), st.integers(0, 2), st.integers(0, 1), st.integers(1, 4)),
-    max_size=30,
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 2), st.integers(0, 2), st.integers(0, 1), st.integers(1, 4)),
+        max_size=30,
+    )
 )
-
-
-def grasps_with_jaws(rows):
-    return Grasps(
-        np.reshape([(x * 10.1, y * 7.3) for x, y, _, _ in rows], (-1, 2)),
+def test_smallest_jaws_against_a_dictionary(rows):
+    grasps = Grasps(
+        [(x * 10.1, y * 7.3) for x, y, _, _ in rows],
         [0.3 * a for _, _, a, _ in rows],
         np.full(len(rows), 20.0),
         [float(jaw) for *_, jaw in rows],
     )
-
-
-@given(rows_of_jaws)
-def test_smallest_jaws_against_a_dictionary(rows):
-    grasps = grasps_with_jaws(rows)
     expected: dict[tuple[int, int, int], int] = {}
     for *place, jaw in rows:
         expected[tuple(place)] = min(jaw, expected.get(tuple(place), 99))
@@ -464,13 +458,6 @@ def test_smallest_jaws_against_a_dictionary(rows):
         small.center, np.reshape([(x * 10.1, y * 7.3) for x, y, _ in expected], (-1, 2))
     )
     assert smallest_jaws(small) == small
-
-
-@given(rows_of_jaws, rows_of_jaws)
-def test_other_poses_are_those_that_no_label_has(rows, labelled):
-    known = {row[:3] for row in labelled}
-    expected = smallest_jaws(grasps_with_jaws([row for row in rows if row[:3] not in known]))
-    assert other_poses(grasps_with_jaws(rows), grasps_with_jaws(labelled)) == expected
 
 
 def test_smallest_jaws_after_a_turn():

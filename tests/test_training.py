@@ -8,7 +8,6 @@ import os
 import subprocess
 import sys
 from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -32,7 +31,6 @@ from graspmap.evaluation import evaluate_detector
 from graspmap.geometry import Grasps
 from graspmap.geometry.affine import rotation
 from graspmap.inference import Detector, load_weights
-from graspmap.maps import draw_maps
 from graspmap.training import Experiment, callbacks, read_experiment, run, train
 from graspmap.training.data import (
     ELSEWHERE,
@@ -593,33 +591,6 @@ def test_picture_and_targets_move_together(store, experiment):
     differing = np.abs(expected - turned["target"]).max(axis=(0, 1)) > 1e-5
     assert quality.any()
     assert differing.mean() < 0.005  # pixel centres that lie on a region's border
-
-
-@pytest.mark.parametrize("quality", ["binary", "strong"])
-def test_quality_is_below_0_where_grasps_failed(experiment, quality):
-    """Turned across, the bar's grasps fail; one of the others fails with a larger jaw only."""
-    plain = change(experiment, maps__quality=quality)
-    both = change(experiment, maps__quality=quality, maps__negatives=0.4)
-    scene = bar_scene(3, 1)
-    across = scene.grasps.replace(angle=scene.grasps.angle + np.pi / 2)
-    larger = [g.replace(height=g.height + 5) for g in (across, scene.grasps)]
-    scene = replace(scene, negatives=Grasps.concatenate([*larger, across]))
-    matrix = np.diag([1.2, 1.2, 1.0])
-    held, target = (make_sample(scene, matrix, one, 10.0)["target"] for one in (plain, both))
-    drawn = draw_maps(across.transformed(matrix), (SIDE, SIDE), bins=2, quality=quality)
-    assert np.array_equal(target[1:], held[1:])
-    np.testing.assert_allclose(target[0], held[0] - 0.4 * drawn.quality, atol=1e-6)
-    assert target[0].min() == pytest.approx(-0.4, abs=0.05)
-    # What was not tried is as before; without negatives nothing changes.
-    none = make_sample(replace(scene, negatives=None), matrix, both, 10.0)["target"]
-    assert np.array_equal(none, held)
-
-
-def test_negatives_are_asked_for_where_there_are_none(experiment, tmp_path):
-    one = change(experiment, maps__negatives=0.5)
-    needed = r"scene 0_\d+ has no file of grasps that failed, which maps.negatives needs"
-    with pytest.raises(FileError, match=needed):
-        train(one, tmp_path)
 
 
 @given(

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
         JacquardScenes,
         write_jacquard,
     )
-    from graspmap.data.jacquard_labels import other_poses, smallest_jaws
+    from graspmap.data.jacquard_labels import smallest_jaws
     from graspmap.data.jacquard_predictions import read_predictions, write_predictions
     from graspmap.data.kinds import KINDS, read_scenes
     from graspmap.data.limit import limit_objects
@@ -59,7 +59,6 @@ __all__ = [
     "make_folds",
     "make_split",
     "open_store",
-    "other_poses",
     "read_predictions",
     "read_scenes",
     "read_split",
@@ -93,7 +92,6 @@ _HOME = {
     "make_folds": "split",
     "make_split": "split",
     "open_store": "store",
-    "other_poses": "jacquard_labels",
     "read_predictions": "jacquard_predictions",
     "read_scenes": "kinds",
     "read_split": "split",

@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graspmap.errors import FileFormatError, InvalidInputError
 from graspmap.files import read_bytes, read_lines
@@ -91,33 +90,17 @@ def smallest_jaws(grasps: Grasps) -> Grasps:
     """
     if not len(grasps):
         return grasps
-    same = _pose(grasps)
+    key = np.column_stack(
+        # The double angle makes -pi/2 and pi/2 the same.
+        [grasps.center, np.cos(2 * grasps.angle), np.sin(2 * grasps.angle), grasps.width]
+    )
+    same = np.round(key * 1e4).astype(np.int64)
     # By hand: np.unique along an axis doubles the time, and every training sample waits for it.
     order = np.lexsort((grasps.height, *same.T))  # stable: of equal jaws the first in the list
     starts = np.flatnonzero(np.r_[True, (np.diff(same[order], axis=0) != 0).any(axis=1)])
     chosen = order[starts]
     appearance = np.minimum.reduceat(order, starts)
     return grasps[chosen[np.argsort(appearance)]]
-
-
-def other_poses(grasps: Grasps, than: Grasps) -> Grasps:
-    """Each grasp once, as `smallest_jaws` gives it, but those that are the same as one of others.
-
-    Of the negatives of a scene, and its labels: what failed with every jaw.
-    """
-    found = smallest_jaws(grasps)
-    known = set(map(tuple, _pose(than).tolist()))
-    other = [tuple(pose) not in known for pose in _pose(found).tolist()]
-    return found[np.array(other, dtype=bool)]
-
-
-def _pose(grasps: Grasps) -> NDArray[np.int64]:
-    """(N, 5) what two grasps share that differ in nothing but the jaw."""
-    key = np.column_stack(
-        # The double angle makes -pi/2 and pi/2 the same.
-        [grasps.center, np.cos(2 * grasps.angle), np.sin(2 * grasps.angle), grasps.width]
-    )
-    return np.round(key * 1e4).astype(np.int64)
 
 
 def read_class_names(path: Path) -> dict[str, str]:

@@ -120,9 +120,9 @@ class Store(Scenes):
         rows, columns = self._meta["scenes"][index]["shape"]
         return rows, columns
 
-    def has(self, index: int, part: str) -> bool:
-        """Whether scene ``index`` has ``"rgb"``, ``"depth"``, ``"mask"`` or ``"negatives"``."""
-        return bool(self._meta["scenes"][index][part])
+    def has(self, index: int, picture: str) -> bool:
+        """Whether scene ``index`` has a picture: ``"rgb"``, ``"depth"`` or ``"mask"``."""
+        return bool(self._meta["scenes"][index][picture])
 
     def labels(self, index: int) -> dict[str, str]:
         """Class names of scene ``index`` by kind."""

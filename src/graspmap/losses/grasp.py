@@ -104,7 +104,7 @@ class GraspLoss(nn.Module):
             )
         kind = torch.promote_types(predicted.quality.dtype, target.quality.dtype)
         pairs = [(p.to(kind), t.to(kind)) for p, t in zip(predicted, target, strict=True)]
-        weight = pairs[0][1].clamp_min(0)  # below 0 is a grasp that fails: it has no right angle
+        weight = pairs[0][1]
         terms = [
             self._error(*pairs[0], reduction="mean"),
             *(self._positional(p, t, weight) for p, t in pairs[1:3]),

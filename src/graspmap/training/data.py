@@ -19,10 +19,10 @@ import torch
 from numpy.typing import NDArray
 from torch.utils.data import DataLoader, Dataset, Sampler
 
-from graspmap.data import Augmentation, Scene, Store, other_poses, smallest_jaws, to_input
+from graspmap.data import Augmentation, Scene, Store, smallest_jaws, to_input
 from graspmap.data.table import Table
 from graspmap.geometry import Grasps
-from graspmap.maps import GraspMaps, draw_maps
+from graspmap.maps import draw_maps
 from graspmap.training.experiment import Experiment
 from graspmap.training.state import RunState
 from graspmap.training.targets import task_targets
@@ -186,25 +186,19 @@ def make_sample(
         depth_zero=experiment.data.depth_zero,
         table=table,
     )
-    held = Grasps.empty() if scene.grasps is None else smallest_jaws(scene.grasps)
-
-    def drawn(grasps: Grasps) -> GraspMaps[NDArray[np.float32]]:
-        return draw_maps(
-            grasps.transformed(matrix),
-            (size, size),
-            bins=experiment.network.bins,
-            quality=maps.quality,
-            drop_off=maps.drop_off,
-            overlap=maps.overlap,
-            gaussian=maps.gaussian,
-            background=maps.background,
-            width_scale=width_scale_px,
-        )
-
-    target = np.stack(list(drawn(held)))
-    if maps.negatives and scene.negatives is not None:
-        target[0] -= maps.negatives * drawn(other_poses(scene.negatives, held)).quality
-    return {"input": picture, "target": target}
+    labels = Grasps.empty() if scene.grasps is None else smallest_jaws(scene.grasps)
+    target = draw_maps(
+        labels.transformed(matrix),
+        (size, size),
+        bins=experiment.network.bins,
+        quality=maps.quality,
+        drop_off=maps.drop_off,
+        overlap=maps.overlap,
+        gaussian=maps.gaussian,
+        background=maps.background,
+        width_scale=width_scale_px,
+    )
+    return {"input": picture, "target": np.stack(list(target))}
 
 
 def crop_sample(

@@ -265,9 +265,6 @@ class MapsSection(_Section):
         background: Angle and width outside all grasps.
         width_scale: Opening in input pixels that the width map shows as 1; ``"data"`` takes the
             greatest one labelled in the training part.
-        negatives: How far below 0 the quality is where grasps were tried and failed with every
-            jaw: this many times the quality map of those is taken off. 0, as published: like a
-            place where none was tried.
     """
 
     quality: Literal["binary", "soft", "strong"] = "binary"
@@ -276,7 +273,6 @@ class MapsSection(_Section):
     gaussian: Literal["grasp", "published"] = "grasp"
     background: Literal["zero", "published"] = "zero"
     width_scale: Literal["data"] | PositiveFloat = "data"
-    negatives: Fraction = 0.0
 
 
 class LossSection(_Section):

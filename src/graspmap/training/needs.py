@@ -11,8 +11,6 @@ from graspmap.errors import FileError
 from graspmap.training.experiment import Experiment
 
 _PICTURES = {"depth": ("depth",), "rgb": ("rgb",), "rgbd": ("rgb", "depth")}
-_WITHOUT = {"maps.negatives": "0"}
-_PARTS = ("rgb", "depth", "mask", "negatives")
 
 
 @dataclass(frozen=True)
@@ -23,27 +21,26 @@ class Contents:
         rgb: A colour picture.
         depth: A depth picture.
         mask: A mask.
-        negatives: Grasps that failed, be there none.
         labels: Class names by kind.
     """
 
     rgb: bool
     depth: bool
     mask: bool
-    negatives: bool
     labels: Mapping[str, str]
 
     @classmethod
     def of_scene(cls, scene: Scene) -> Contents:
         """Of a scene that was read."""
-        rgb, depth, mask, negatives = (getattr(scene, name) is not None for name in _PARTS)
-        return cls(rgb, depth, mask, negatives, scene.labels)
+        pictures = (scene.rgb, scene.depth, scene.mask)
+        rgb, depth, mask = (picture is not None for picture in pictures)
+        return cls(rgb, depth, mask, scene.labels)
 
     @classmethod
     def of_store(cls, store: Store, index: int) -> Contents:
         """Of a packed scene, without opening its pictures."""
-        rgb, depth, mask, negatives = (store.has(index, name) for name in _PARTS)
-        return cls(rgb, depth, mask, negatives, store.labels(index))
+        rgb, depth, mask = (store.has(index, name) for name in ("rgb", "depth", "mask"))
+        return cls(rgb, depth, mask, store.labels(index))
 
 
 def missing(experiment: Experiment, contents: Contents) -> dict[str, str]:
@@ -53,8 +50,6 @@ def missing(experiment: Experiment, contents: Contents) -> dict[str, str]:
     for name in _PICTURES[experiment.network.channels]:
         if not getattr(contents, name):
             found["network.channels"] = f"{name} picture"
-    if experiment.maps.negatives and not contents.negatives:
-        found["maps.negatives"] = "file of grasps that failed"
     if tasks.saliency is not None and not contents.mask:
         found["tasks.saliency"] = "mask"
     if tasks.depth is not None and not contents.depth:
@@ -73,15 +68,13 @@ def check_contents(
         experiment: The experiment.
         source: The data set, for the error.
         scenes: What each scene has, by its id.
-        tasks: Whether the truth of the tasks, and what is drawn, count, too, and not only what the
-            network looks at.
+        tasks: Whether the truth of the tasks counts, too, and not only what the network looks at.
 
     Raises:
         FileError: They lack something; the error names the key that needs it.
     """
     lacks = {name: missing(experiment, contents) for name, contents in scenes.items()}
-    names = (f"tasks.{name}" for name in experiment.tasks.names)
-    for key in ("network.channels", "maps.negatives", *names):
+    for key in ("network.channels", *(f"tasks.{name}" for name in experiment.tasks.names)):
         without = [name for name, found in lacks.items() if key in found]
         if not without or (key != "network.channels" and not tasks):
             continue
@@ -89,7 +82,7 @@ def check_contents(
         remedy = (
             f"set {key} to what the data set has, or complete it"
             if key == "network.channels"
-            else f"give data that have one, or set {key} to {_WITHOUT.get(key, 'null')}"
+            else f"give data that have one, or set {key} to null"
         )
         found = (
             f"{len(without)} of {len(scenes)} scenes have no {what}, which {key} needs, first "
