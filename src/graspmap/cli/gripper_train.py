@@ -159,7 +159,10 @@ def _conclude(
     """The last words, and the same for machines."""
     from graspmap.evaluation.compare import best_trials
     from graspmap.evaluation.run_folder import read_run_folder
+    from graspmap.inference import shipped_weights
 
+    names = {job.weights: "yours", job.compared: str(job.compared)}
+    names |= {path: f"{name}, which ship" for name, path in shipped_weights().items()}
     found: dict[str, Any] = {}
     job.tell(f"gripper {job.gripper.name}, {job.plans['test'].scenes} test scenes:")
     for name, folder in folders.items():
@@ -167,13 +170,13 @@ def _conclude(
         score = best_trials(run, by_object=run.cluster == "object")
         assert score is not None  # the evaluation made trials
         low, high = score.interval
-        who = "yours" if name == "own" else str(job.compared)
+        weights = job.weights if name == "own" else job.compared
         job.tell(
-            f"  {who}: the best grasp held in {score.held} of {score.trials} trials, "
+            f"  {names[weights]}: the best grasp held in {score.held} of {score.trials} trials, "
             f"{score.success:.1%} (95 % interval {low:.1%} to {high:.1%})"
         )
         found[name] = {
-            "weights": str(job.weights if name == "own" else job.compared),
+            "weights": str(weights),
             "report": str(folder / "report.html"),
             "trials": score.trials,
             "held": score.held,
