@@ -99,7 +99,7 @@ def input_window(
             about what stands on the table inside the region.
         depth_m: (H, W) metres, NaN in holes; needed by a side in centimetres.
         camera: Intrinsics; needed by it, too.
-        table: What the depth shows objects on, where it was found already: `shown_table` of this module.
+        table: What the depth shows objects on, where it was found already (see `shown_table`).
 
     Raises:
         InvalidInputError: A size is not positive, the view is none of these, the region is not
