@@ -120,9 +120,8 @@ def test_a_region_says_which_thing_is_seen_at_the_scale_of_a_close_up():
         assert SIZE / matrix[0, 0] == pytest.approx(60, rel=0.02)  # 20 cm at 1 m
         assert np.abs(apply(matrix, np.array(middle)) - (SIZE - 1) / 2).max() < 5
     for region in ((199.3, 119.2, 0.4, 0.3), (316, 230, 40, 40), (400, 10, 5, 5)):  # next to none
-        assert SIZE / input_window(depth.shape, SIZE, region_xywh=region, **about)[
-            0, 0
-        ] == pytest.approx(60, rel=0.02)
+        matrix = input_window(depth.shape, SIZE, region_xywh=region, **about)
+        assert SIZE / matrix[0, 0] == pytest.approx(60, rel=0.02)
     both = input_window(depth.shape, SIZE, region_xywh=(0, 0, 320, 240), **about)
     assert np.allclose(both, input_window(depth.shape, SIZE, **about), atol=1e-6)
     square = input_window(depth.shape, SIZE, region_xywh=(180, 110, 20, 30))

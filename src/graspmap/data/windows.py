@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from typing import Annotated
 
 import cv2
@@ -25,7 +26,7 @@ CLOSE_UP = r"^(\d{1,4}(?:\.\d+)?) cm$"
 
 MOST_PX = 16384
 
-VIEW_ALLOWED = "'contain', 'cover', a side in pixels, 1 to 16384, or in centimetres ('36 cm')"
+VIEW_ALLOWED = f"'contain', 'cover', a side in pixels, 1 to {MOST_PX}, or in centimetres ('36 cm')"
 
 
 def _checked_view(view: object) -> int | str:
@@ -107,7 +108,7 @@ def input_window(
     """
     rows, columns = shape
     if region_xywh is not None:
-        region_xywh = _checked(region_xywh)
+        region_xywh = checked_region(region_xywh)
     side_m = close_up_m(view)
     if side_m is not None:
         depth_m, camera = _metric(view, depth_m, camera)
@@ -155,10 +156,16 @@ def shown_table(
     return find_table(depth_m, (x + (width - wide) / 2, y + (height - high) / 2, wide, high))
 
 
-def _checked(region_xywh: Region) -> Region:
+def checked_region(region_xywh: Sequence[float]) -> Region:
+    """A region of interest as four numbers: first column x, first row y, width and height.
+
+    Raises:
+        InvalidInputError: Not four finite numbers, or a width or height that is not positive.
+    """
     numbers = tuple(float(v) for v in region_xywh)
     if len(numbers) != 4 or not all(map(math.isfinite, numbers)) or min(numbers[2:]) <= 0:
-        raise InvalidInputError("region", region_xywh, "x, y, width, height with sizes above 0")
+        allowed = "x, y, width, height in pixels, sizes above 0"
+        raise InvalidInputError("region", region_xywh, allowed)
     x, y, width, height = numbers
     return x, y, width, height
 

@@ -18,7 +18,13 @@ import torch
 from numpy.typing import NDArray
 
 from graspmap.data.images import check_depth_m, to_input, warp
-from graspmap.data.windows import close_up_m, input_window, shown_table
+from graspmap.data.windows import (
+    Region,
+    checked_region,
+    close_up_m,
+    input_window,
+    shown_table,
+)
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps
@@ -258,7 +264,7 @@ class Detector:
             depth_zero=self.card.depth_zero,
             table=table,
         )
-        return Prepared(inputs, matrix, _allowed(shape, region, mask, matrix, size), depth)
+        return Prepared(inputs, matrix, _allowed(shape, where, mask, matrix, size), depth)
 
     def decode(
         self,
@@ -376,14 +382,9 @@ def _check_request(
         raise InvalidInputError(missing, "missing", "both with a gripper: it works in metres")
 
 
-def _check_region(
-    region: Sequence[float], shape: tuple[int, int]
-) -> tuple[float, float, float, float]:
-    values = [float(v) for v in region]
-    if len(values) != 4 or not np.isfinite(values).all() or min(values[2:]) <= 0:
-        raise InvalidInputError("region", region, "x, y, width, height in pixels, sizes above 0")
-    x, y, width, height = values
-    if max(values[2:]) < 1 or max(values[2:]) > _LARGEST_REGION * max(shape):
+def _check_region(region: Sequence[float], shape: tuple[int, int]) -> Region:
+    x, y, width, height = checked_region(region)
+    if max(width, height) < 1 or max(width, height) > _LARGEST_REGION * max(shape):
         allowed = f"a longer side from 1 px to {_LARGEST_REGION} times that of the picture"
         raise InvalidInputError("region", region, allowed)
     if x >= shape[1] or y >= shape[0] or x + width <= 0 or y + height <= 0:
@@ -393,7 +394,7 @@ def _check_region(
 
 def _allowed(
     shape: tuple[int, int],
-    region: Sequence[float] | None,
+    region: Region | None,
     mask: NDArray[np.bool_] | None,
     matrix: NDArray[np.float64],
     size: int,
@@ -401,7 +402,7 @@ def _allowed(
     """(size, size) where grasps may be centred: in the picture, the region and the mask."""
     allowed = np.ones(shape, dtype=bool) if mask is None else mask.copy()
     if region is not None:
-        x, y, width, height = _check_region(region, shape)
+        x, y, width, height = region
         rows = np.arange(shape[0])[:, None]
         columns = np.arange(shape[1])[None, :]
         allowed &= (rows >= y) & (rows < y + height) & (columns >= x) & (columns < x + width)
