@@ -235,3 +235,13 @@ def test_a_png_without_a_header(tmp_path, body):
     path.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes.fromhex(body))
     with pytest.raises(FileFormatError):
         pictures.read_rgb(path)
+
+
+def test_the_cache_folder_is_the_users(monkeypatch, tmp_path):
+    monkeypatch.setenv("GRASPMAP_CACHE", str(tmp_path / "a"))
+    assert files.cache_folder() == tmp_path / "a"
+    monkeypatch.delenv("GRASPMAP_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "b"))
+    assert files.cache_folder() == tmp_path / "b" / "graspmap"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    assert files.cache_folder().parts[-2:] == (".cache", "graspmap")

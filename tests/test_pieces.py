@@ -16,7 +16,6 @@ from manifold3d import Manifold
 from scipy.spatial import ConvexHull
 
 from graspmap.errors import InvalidInputError, UnknownNameError
-from graspmap.files import cache_folder
 from graspmap.simulation import _child, pieces
 from graspmap.simulation.hulls import fewer_vertices, hull
 from graspmap.simulation.pieces import PiecesWarning, convex_pieces
@@ -198,15 +197,6 @@ class TestCache:
         assert [p.wait() for p in [subprocess.Popen(command) for _ in range(2)]] == [0, 0]
         assert len(list((tmp_path / "cache").rglob("*.npz"))) == 30
         assert not list(tmp_path.rglob("*.part"))
-
-    def test_where_it_is_by_default(self, monkeypatch, tmp_path):
-        monkeypatch.setenv("GRASPMAP_CACHE", str(tmp_path / "a"))
-        assert cache_folder() == tmp_path / "a"
-        monkeypatch.delenv("GRASPMAP_CACHE")
-        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "b"))
-        assert cache_folder() == tmp_path / "b" / "graspmap"
-        monkeypatch.delenv("XDG_CACHE_HOME")
-        assert cache_folder().parts[-2:] == (".cache", "graspmap")
 
 
 class TestChild:

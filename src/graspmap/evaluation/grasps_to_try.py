@@ -17,7 +17,7 @@ from graspmap.evaluation.evaluate import (
 )
 from graspmap.evaluation.judge import Progress
 from graspmap.evaluation.tabletops import scene_gripper
-from graspmap.evaluation.trial_plan import first_gripper
+from graspmap.evaluation.trial_plan import recorded_or_default
 from graspmap.geometry.grasps import Grasps
 from graspmap.gripper import Gripper
 
@@ -62,7 +62,7 @@ def predict_scenes(
     found, skipped = {}, {}
     for index, name in enumerate(scenes.ids):
         try:
-            own = gripper or first_gripper(scene_gripper(scenes, index))
+            own = gripper or recorded_or_default(scene_gripper(scenes, index))
             found[name] = detect_in(detector, scenes, index, top=top, method="refined", gripper=own)
         except GraspmapError as error:
             skipped[name] = str(error)

@@ -15,9 +15,9 @@ Jaw = Literal["nearest", "given"]
 DEFAULT_GRIPPER = "jacquard"
 
 
-def first_gripper(*grippers: Gripper | None) -> Gripper:
-    """The first that there is; Jacquard's, where there is none."""
-    return next((g for g in grippers if g is not None), None) or load_gripper(DEFAULT_GRIPPER)
+def recorded_or_default(recorded: Gripper | None) -> Gripper:
+    """The gripper that tries where none is asked for: that of the scene's record, or Jacquard's."""
+    return recorded or load_gripper(DEFAULT_GRIPPER)
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class TrialPlan:
 
     def gripper_for(self, world: SceneWorld) -> Gripper:
         """The gripper that grasps on a scene are tried with."""
-        return first_gripper(self.gripper, world.gripper)
+        return self.gripper or recorded_or_default(world.gripper)
 
     def settings_for(self, world: SceneWorld) -> TrialSettings:
         """The settings that grasps on a scene are tried with."""
