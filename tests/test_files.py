@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import cv2
@@ -245,3 +246,14 @@ def test_the_cache_folder_is_the_users(monkeypatch, tmp_path):
     assert files.cache_folder() == tmp_path / "b" / "graspmap"
     monkeypatch.delenv("XDG_CACHE_HOME")
     assert files.cache_folder().parts[-2:] == (".cache", "graspmap")
+
+
+def test_a_user_without_a_home_has_a_cache_folder(monkeypatch):
+    for name in ("GRASPMAP_CACHE", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+
+    def homeless():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(files.Path, "home", homeless)
+    assert files.cache_folder() == Path(tempfile.gettempdir()) / "graspmap"

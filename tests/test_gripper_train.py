@@ -346,7 +346,10 @@ class TestRecipe:
             assert [plan.scenes for plan in plans.values()] == expected
         with pytest.raises(InvalidInputError, match="200 or more"):
             load_recipe("own-gripper", gripper=franka, scenes=199)
-        assert load_recipe("graspmap-v1", scenes=200)["test-tools"].scenes == 18
+
+    def test_a_smaller_benchmark_is_tested_on_as_much(self):
+        plans = load_recipe("graspmap-v1", scenes=800)
+        assert [plan.scenes for plan in plans.values()] == [800, 150, 240, 180, 180]
 
     def test_camera_and_families_are_those_of_the_benchmark(self):
         own = load_recipe("own-gripper", gripper=load_gripper("franka"))
@@ -365,15 +368,15 @@ class TestRecipe:
         assert code == 2
         assert "--gripper is franka; allowed: none: recipe graspmap-v1 says that" in err
 
-    def test_generate_takes_a_gripper_for_it(self, monkeypatch, capsys, tmp_path):
+    def test_generate_takes_a_gripper_and_a_size_for_it(self, monkeypatch, capsys, tmp_path):
         (tmp_path / "tiny.yaml").write_text(RECIPE)
         monkeypatch.setitem(recipe.SHIPPED, "tiny", tmp_path / "tiny.yaml")
         code, out, _ = run(
             capsys, "generate", "--recipe", "tiny", "--gripper", NARROW, "--parts", "validation",
-            "--workers", 1, "--out", tmp_path / "out",
+            "--scenes", 6, "--workers", 1, "--out", tmp_path / "out",
         )  # fmt: skip
         assert code == 0
-        assert "6 scenes of 6 objects" in out
+        assert "3 scenes of 3 objects" in out
         scenes = read_scenes(f"jacquard:{tmp_path / 'out' / 'validation'}")
         assert scene_gripper(scenes, 0) == load_gripper(NARROW)
 

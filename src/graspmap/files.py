@@ -41,11 +41,18 @@ _UMASK = _umask()
 
 
 def cache_folder() -> Path:
-    """``$GRASPMAP_CACHE``, or ``graspmap`` in the user's folder of caches."""
+    """``$GRASPMAP_CACHE``, or ``graspmap`` in the user's folder of caches.
+
+    A user without a home, as in some containers, has it among the temporary files.
+    """
     if "GRASPMAP_CACHE" in os.environ:
         return Path(os.environ["GRASPMAP_CACHE"])
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "graspmap"
+    if base := os.environ.get("XDG_CACHE_HOME"):
+        return Path(base) / "graspmap"
+    try:
+        return Path.home() / ".cache" / "graspmap"
+    except RuntimeError:
+        return Path(tempfile.gettempdir()) / "graspmap"
 
 
 def shipped_or_path(

@@ -34,6 +34,7 @@ _REMEDY = "make the scene again, or copy the file again"
 _MADE_FROM = {"procedural": ("seed", "index"), "mesh": ("hash",)}
 """What tells objects apart, by the kind of their source."""
 _LIBRARIES = ("graspmap", "mujoco", "manifold3d", "numba", "numpy")
+_SETTINGS, _APPEARANCE = TypeAdapter(TrialSettings), TypeAdapter(Appearance)
 
 Rows = tuple[tuple[float, ...], ...]
 
@@ -139,9 +140,9 @@ def write_record(record: SceneRecord, folder: Path) -> Path:
         camera=record.view.camera.to_dict(),
         T_world_camera=_rows(record.view.T_world_camera),
         gripper=record.gripper.to_dict(),
-        settings=TypeAdapter(TrialSettings).dump_python(record.settings, mode="json"),
+        settings=_SETTINGS.dump_python(record.settings, mode="json"),
         seed=record.seed,
-        appearance=TypeAdapter(Appearance).dump_python(record.appearance, mode="json"),
+        appearance=_APPEARANCE.dump_python(record.appearance, mode="json"),
         versions=dict(record.versions),
     )
     path = folder / f"{record.id}{SUFFIXES['record']}"
@@ -168,9 +169,9 @@ def read_record(path: Path) -> SceneRecord:
             ),
             view=View(Camera.from_dict(file.camera), _transform(file.T_world_camera)),
             gripper=Gripper.from_dict(file.gripper),
-            settings=TypeAdapter(TrialSettings).validate_json(json.dumps(file.settings)),
+            settings=_SETTINGS.validate_json(json.dumps(file.settings)),
             seed=file.seed,
-            appearance=TypeAdapter(Appearance).validate_json(json.dumps(file.appearance)),
+            appearance=_APPEARANCE.validate_json(json.dumps(file.appearance)),
             versions=file.versions,
             root=path.parent.parent,
         )
