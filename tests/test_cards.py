@@ -12,10 +12,11 @@ import pytest
 import torch
 
 from graspmap import cli, read_scenes
+from graspmap.data.fingerprint import data_hash
 from graspmap.data.split import Split, fingerprint
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.evaluation import TrialPlan, try_grasps
-from graspmap.evaluation.cards import calibrate, check_not_trained_on, data_hash
+from graspmap.evaluation.cards import calibrate, check_not_trained_on
 from graspmap.geometry import Grasps
 from graspmap.inference import (
     DataCard,

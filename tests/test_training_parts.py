@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from graspmap.data import Scene, open_store, read_scenes, read_split, write_jacquard
+from graspmap.data.fingerprint import data_hash
 from graspmap.errors import ConfigError, FileError, FileFormatError
 from graspmap.evaluation import evaluate_detector
 from graspmap.generation.scene_file import read_object_keys
@@ -115,6 +116,8 @@ def test_card_and_folder_say_which_files_were_what(trained, parts, cache):
     data = card.data
     assert (data.store_key, data.validation_key, data.test_key) == tuple(keys.values())
     assert (data.source, data.validation_source, data.test_source) == tuple(parts.values())
+    assert data.data_hash == data_hash(read_scenes(parts["train"]))
+    assert card.seed == 0
     facts = json.loads((out / "run.json").read_text())
     assert [facts[f"{n}store"] for n in ("", "validation_", "test_")] == list(keys.values())
 

@@ -11,6 +11,7 @@ import os
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
@@ -103,6 +104,15 @@ def read_bytes(path: Path, *, empty: bool = False) -> bytes:
     if not content and not empty:
         raise FileFormatError(path, "the file is empty", _REPLACE)
     return content
+
+
+def file_hash(path: Path) -> str:
+    """32 hexadecimal digits (BLAKE2b) of a file's content.
+
+    Raises:
+        FileError: It cannot be read.
+    """
+    return blake2b(read_bytes(path, empty=True), digest_size=16).hexdigest()
 
 
 def read_text(path: Path) -> str:

@@ -137,7 +137,7 @@ def measure(flags: Evaluate, command: str) -> dict[str, Any]:
     if flags.trials:
         trial_plan(flags)  # a wrong one is told before any work
     from graspmap.data import KINDS
-    from graspmap.evaluation.cards import data_hash
+    from graspmap.data.fingerprint import data_hash
 
     chosen = select(flags)
     predictions = None if flags.predictions is None else _predictions(flags.predictions)

@@ -77,7 +77,7 @@ def _calibrate(job: Job) -> None:
 def _is_calibrated(job: Job) -> bool:
     """Whether the weights are those of the training, calibrated on these validation scenes."""
     from graspmap.data import read_scenes
-    from graspmap.evaluation.cards import data_hash
+    from graspmap.data.fingerprint import data_hash
     from graspmap.inference import load_weights, weights_hash
 
     if not job.weights.is_file():
@@ -127,7 +127,8 @@ def _evaluate(job: Job) -> dict[str, Path]:
 def _is_evaluated(job: Job, weights: Path, folder: Path) -> bool:
     """Whether a report is of these weights and of these test scenes."""
     from graspmap.data import read_scenes
-    from graspmap.evaluation.cards import data_hash, evaluation_card
+    from graspmap.data.fingerprint import data_hash
+    from graspmap.evaluation.cards import evaluation_card
     from graspmap.inference import load_weights, weights_hash
 
     if not (folder / "report.html").is_file():

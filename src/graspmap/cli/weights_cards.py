@@ -181,6 +181,8 @@ def _words(card: WeightsCard) -> Iterator[str]:
             f"trained on {data.source}"
             + (f", {data.depth} depth" if data.depth else "")
             + (f" ({parts} scenes)" if parts else "")
+            + (f", {data.data_hash}" if data.data_hash else "")
+            + ("" if card.seed is None else f", seed {card.seed}")
         )
     if card.command:
         yield f"made by {card.command} ({card.created_by})"

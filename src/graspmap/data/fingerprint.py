@@ -11,8 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from graspmap.data.scene import Scenes
+from graspmap.data.split import fingerprint
 from graspmap.errors import MissingFileError
-from graspmap.files import write_text
+from graspmap.files import file_hash, write_text
+
+MANIFEST = "manifest.json"
+"""File in which `graspmap.generation` keeps the hash of every file of a finished data set."""
 
 _LOG = logging.getLogger(__name__)
 _DIGEST = 16  # bytes: no two of 2^40 files will share one by chance
@@ -70,6 +74,25 @@ class FileHashes:
             return
         write_text(self._index, json.dumps(self._known))
         self._changed = False
+
+
+def data_hash(scenes: Scenes) -> str:
+    """What a whole data set is, in one hash that a user can compare with a published one.
+
+    Args:
+        scenes: All of its scenes.
+
+    Returns:
+        ``manifest:`` and the hash of its manifest.json, which holds the hash of every file, where
+        graspmap generated it; else ``scenes:`` and the hash of its ids and objects.
+
+    Raises:
+        FileError: The manifest cannot be read.
+    """
+    manifest = scenes.root / MANIFEST
+    if manifest.is_file():
+        return f"manifest:{file_hash(manifest)}"
+    return f"scenes:{fingerprint(scenes)}"
 
 
 def scenes_key(scenes: Scenes, hashes: FileHashes, settings: dict[str, Any]) -> str:

@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspmap.data.fingerprint import data_hash
 from graspmap.data.kinds import split_spec
 from graspmap.data.scene import Scenes
-from graspmap.data.split import Split, fingerprint
+from graspmap.data.split import Split
 from graspmap.errors import FileFormatError, InvalidInputError
 from graspmap.evaluation import results
 from graspmap.evaluation.compare import best_trials
 from graspmap.evaluation.run_folder import RunFolder, read_run_folder
 from graspmap.evaluation.trial_results import TrialEvaluation, clusters
-from graspmap.generation.ledger import MANIFEST, file_hash
 from graspmap.inference.measured import (
     CalibrationCard,
     EvaluationCard,
@@ -39,25 +39,6 @@ Floats = NDArray[np.float64]
 _LOG = logging.getLogger(__name__)
 _AGAIN = "measure these weights: graspmap evaluate --weights W --trials --out DIR"
 _ENDS = ("ece_interval", "brier_interval")
-
-
-def data_hash(scenes: Scenes) -> str:
-    """What a whole data set is, in one hash.
-
-    Args:
-        scenes: All of its scenes.
-
-    Returns:
-        ``manifest:`` and the hash of its manifest.json, which holds the hash of every file, where
-        graspmap generated it; else ``scenes:`` and the hash of its ids and objects.
-
-    Raises:
-        FileError: The manifest cannot be read.
-    """
-    manifest = scenes.root / MANIFEST
-    if manifest.is_file():
-        return f"manifest:{file_hash(manifest)}"
-    return f"scenes:{fingerprint(scenes)}"
 
 
 def check_not_trained_on(

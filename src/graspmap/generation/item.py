@@ -17,10 +17,11 @@ import numpy as np
 from graspmap.data.jacquard import write_jacquard
 from graspmap.data.scene import Depth, Scene
 from graspmap.errors import GraspmapError, storage_errors
+from graspmap.files import file_hash
 from graspmap.generation.catalogue import Pick, pick_objects
 from graspmap.generation.entries import ItemEntry, MeshEntry, SceneEntry
 from graspmap.generation.labels import Labels, label_tabletop
-from graspmap.generation.ledger import file_hash, staging_folder
+from graspmap.generation.ledger import staging_folder
 from graspmap.generation.plan import GenerationPlan
 from graspmap.generation.scene_file import RecordedObject, SceneRecord, versions, write_record
 from graspmap.generation.sources import Fingerprint

@@ -14,12 +14,12 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
-from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
+from graspmap.data.fingerprint import MANIFEST
 from graspmap.errors import FileError, FileFormatError, storage_errors
-from graspmap.files import read_bytes, read_text, remove_parts, write_text
+from graspmap.files import file_hash, read_text, remove_parts, write_text
 from graspmap.generation.entries import (
     MODELS,
     Entry,
@@ -31,7 +31,6 @@ from graspmap.generation.entries import (
 )
 
 UNFINISHED = "unfinished.jsonl"
-MANIFEST = "manifest.json"
 SPLIT = "split.json"
 
 _FORMAT = "graspmap-manifest-1"
@@ -230,15 +229,6 @@ def check_folder(root: Path) -> None:
 def staging_folder(root: Path, item: int) -> Path:
     """Where the files of an item lie until all of them are written."""
     return root / _STAGING / str(item)
-
-
-def file_hash(path: Path) -> str:
-    """32 hexadecimal digits of a file's content.
-
-    Raises:
-        FileError: It cannot be read.
-    """
-    return blake2b(read_bytes(path, empty=True), digest_size=16).hexdigest()
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any], prefix: str = "") -> list[str]:

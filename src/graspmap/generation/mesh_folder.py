@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from graspmap.errors import DatasetNotFoundError, FileError, GraspmapError, GraspmapWarning
+from graspmap.files import file_hash
 from graspmap.generation.entries import MODELS, MeshEntry
-from graspmap.generation.ledger import file_hash
 from graspmap.generation.model_file import write_model
 from graspmap.generation.plan import GenerationPlan
 from graspmap.simulation.meshes import MESH_SUFFIXES, load_object

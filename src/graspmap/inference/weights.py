@@ -39,8 +39,8 @@ MOST_BINS, MOST_FILTERS = 1024, 256
 SUFFIX = ".safetensors"
 _CARD_KEY = "graspmap"
 _NOTES = {
-    "data", "metrics", "calibration", "evaluations", "weaknesses", "command", "created_by",
-    "licence", "notes",
+    "data", "seed", "metrics", "calibration", "evaluations", "weaknesses", "command",
+    "created_by", "licence", "notes",
 }  # fmt: skip
 """What of a card changes nothing of what a detector says; of the calibration the knots do."""
 
@@ -53,6 +53,7 @@ class DataCard(BaseModel):
 
     Attributes:
         source: Data set as ``kind:directory``.
+        data_hash: Of all of its scenes, see `graspmap.data.fingerprint.data_hash`.
         depth: Which of its depths, for example ``stereo``; None for its kind's default.
         split: Name or file of the split.
         split_hash: Hash of the split's content.
@@ -68,6 +69,7 @@ class DataCard(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     source: str
+    data_hash: str | None = None
     depth: str | None = None
     split: str | None = None
     split_hash: str | None = None
@@ -96,6 +98,7 @@ class WeightsCard(BaseModel):
         depth_zero: What its depth is measured from, see `graspmap.data.to_input`.
         width_scale_px: Opening in input pixels for which the width map is 1.
         data: What it was trained on, where known.
+        seed: Of the training, where known.
         metrics: Measured figures of the training by name.
         calibration: From its quality to the probability that a grasp holds; None: not known.
         evaluations: What was measured of it afterwards, by name of the data's part.
@@ -119,6 +122,7 @@ class WeightsCard(BaseModel):
     depth_zero: DepthZero = "mean"
     width_scale_px: float = Field(gt=0, allow_inf_nan=False)
     data: DataCard | None = None
+    seed: int | None = None
     metrics: dict[str, JsonValue] = Field(default_factory=dict)
     calibration: CalibrationCard | None = None
     evaluations: dict[str, EvaluationCard] = Field(default_factory=dict)

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from hashlib import blake2b
 from pathlib import Path
 
 from graspmap.data import Scenes, read_scenes
 from graspmap.data.kinds import detect_kind, split_spec
 from graspmap.data.split import fingerprint
 from graspmap.errors import DatasetNotFoundError, InvalidInputError
-from graspmap.generation.ledger import MANIFEST
 from graspmap.generation.scene_file import find_record
 from graspmap.training import Experiment
 from graspmap.training.needs import Contents, missing
@@ -145,18 +143,6 @@ def look_at(source: str, depth: str | None = None) -> DataFacts:
         trials=all(found.depth for found in contents) and (recorded or cameras),
         fingerprint=fingerprint(scenes),
     )
-
-
-def manifest_hash(facts: DataFacts) -> str | None:
-    """BLAKE2b of the manifest of generated data, which holds the hash of every file of them.
-
-    None where there is none: of other data, or where generating is not finished.
-    """
-    try:
-        content = (facts.scenes.root / MANIFEST).read_bytes()
-    except OSError:
-        return None
-    return blake2b(content, digest_size=16).hexdigest()
 
 
 def part_sizes(

@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from graspmap import __version__
+from graspmap.data.fingerprint import data_hash
 from graspmap.files import write_text
 from graspmap.reproduction.claims import RULE
-from graspmap.reproduction.facts import PartFacts, manifest_hash
+from graspmap.reproduction.facts import PartFacts
 from graspmap.reproduction.figures import draw_figure
 from graspmap.reproduction.measures import MEASURES
 from graspmap.reproduction.results import Cell, Column, Filled
@@ -137,13 +138,12 @@ def describe(filled: Filled) -> list[str]:
 
 
 def _describe_parts(parts: PartFacts) -> list[str]:
-    """Each part: its scenes, and the hash of the manifest that names all of its files."""
-    said = []
-    for name, facts in parts.by_name.items():
-        manifest = manifest_hash(facts)
-        said.append(f"Part {name}: {len(facts.scenes)} scenes of {facts.objects} objects"
-                    + (f", manifest {manifest}." if manifest else ", no manifest."))  # fmt: skip
-    return said
+    """Each part: its scenes, and what they are in one hash."""
+    return [
+        f"Part {name}: {len(facts.scenes)} scenes of {facts.objects} objects, "
+        f"{data_hash(facts.scenes)}."
+        for name, facts in parts.by_name.items()
+    ]
 
 
 def _short(value: Any) -> str:
@@ -215,7 +215,7 @@ def _parts(parts: PartFacts) -> dict[str, Any]:
         name: {
             "scenes": len(facts.scenes),
             "objects": facts.objects,
-            "manifest": manifest_hash(facts),
+            "data_hash": data_hash(facts.scenes),
         }
         for name, facts in parts.by_name.items()
     }

@@ -217,6 +217,7 @@ def _finish(
         width_scale_px=setup.width_scale_px,
         data=DataCard(
             source=values.source,
+            data_hash=setup.data_hash,
             depth=values.depth,
             split=folder.split.name,
             split_hash=setup.split_hash,
@@ -228,6 +229,7 @@ def _finish(
             test_key=None if values.test is None else key["test"],
             classes=setup.classes.names,
         ),
+        seed=experiment.seed,
         metrics=metrics,
         command=command,
         notes=f"experiment {experiment.name}",

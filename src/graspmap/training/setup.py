@@ -22,6 +22,7 @@ from graspmap.data import (
     read_scenes,
     read_split,
 )
+from graspmap.data.fingerprint import data_hash
 from graspmap.data.split import By, fingerprint
 from graspmap.errors import (
     ConfigError,
@@ -133,6 +134,7 @@ class Setup:
     Attributes:
         parts: Its `PARTS` by name.
         classes: The classes of the category task.
+        data_hash: Hash of the training data, see `graspmap.data.fingerprint.data_hash`.
         split_hash: Hash of the split.
         width_scale_px: Opening in input pixels that the width map shows as 1.
         device: ``"cpu"`` or ``"cuda"``.
@@ -140,6 +142,7 @@ class Setup:
 
     parts: dict[str, Part]
     classes: Classes
+    data_hash: str
     split_hash: str
     width_scale_px: float
     device: str
@@ -241,7 +244,7 @@ def prepare(experiment: Experiment, folder: Folder, device: str, progress: Progr
         raise FileFormatError(
             folder.facts, f"the data changed since this run began ({changed})", _ANEW
         )
-    return Setup(parts, classes, split.hash, scale, device)
+    return Setup(parts, classes, data_hash(scenes), split.hash, scale, device)
 
 
 def _others(experiment: Experiment) -> dict[str, tuple[Other, Scenes]]:

@@ -11,7 +11,7 @@ from graspmap.data.scene import Depth, Rgb
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.evaluation.evaluate import Found
 from graspmap.evaluation.trial_plan import TrialPlan
-from graspmap.generation.ledger import file_hash
+from graspmap.files import file_hash
 from graspmap.generation.plan import GenerationPlan
 from graspmap.geometry.camera import Camera
 from graspmap.gripper import Gripper

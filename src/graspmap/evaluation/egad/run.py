@@ -20,8 +20,8 @@ from graspmap.evaluation.egad.results import EgadEvaluation
 from graspmap.evaluation.journal import Journal, open_journal
 from graspmap.evaluation.trial_results import UNFINISHED_FILE
 from graspmap.evaluation.trials import SCENES_A_WORKER, blame
+from graspmap.files import file_hash
 from graspmap.generation.entries import MODELS, MeshEntry, entry_from_dict
-from graspmap.generation.ledger import file_hash
 from graspmap.generation.mesh_folder import MeshFile, find_meshes, prepare_mesh
 from graspmap.generation.model_file import read_model
 from graspmap.generation.plan import GenerationPlan
