@@ -205,6 +205,25 @@ class TestFiles:
         with pytest.warns(GraspmapWarning, match="rectify"):
             assert Camera.read(path) == CAMERA
 
+    def test_a_camera_info_with_distortion_gives_the_rectified_camera(self):
+        p = [540.0, 0, 325, 0, 0, 541, 238, 0, 0, 0, 1, 0]
+        info = {"K": ROWS, "D": [0.1, 0, 0, 0, 0], "P": p, "width": 640, "height": 480}
+        with pytest.warns(GraspmapWarning, match="its P is taken"):
+            found = Camera.from_dict(info)
+        assert found == Camera(540, 541, 325, 238, 640, 480)
+        # Without distortion both are the same, and before a calibration P is empty.
+        assert Camera.from_dict({**info, "D": [0, 0, 0, 0, 0]}) == CAMERA
+        with pytest.warns(GraspmapWarning, match="rectify"):
+            assert Camera.from_dict({**info, "P": [0.0] * 12}) == CAMERA
+
+    def test_arrays_are_read_as_lists_are(self):
+        """As the messages of ROS 2 hold them."""
+        info = {"k": np.array(ROWS, float), "d": np.zeros(5), "width": 640, "height": 480}
+        assert Camera.from_dict(info) == CAMERA
+        assert Camera.from_dict({**info, "k": np.array(ROWS, float).ravel()}) == CAMERA
+        with pytest.warns(GraspmapWarning, match="rectify"):
+            Camera.from_dict({**info, "d": np.array([0.1, 0, 0, 0, 0])})
+
     @pytest.mark.parametrize(
         ("text", "problem"),
         [

@@ -19,10 +19,11 @@ from graspmap.inference import (
     save_weights,
     shipped_weights,
 )
-from graspmap.inference.locate import fitted, locate
+from graspmap.inference.locate import fitted, locate, with_jaw
 from graspmap.networks import GraspNetwork, make_network
 
 SIZE = 96
+CAMERA = Camera(fx=400.0, fy=400.0, cx=159.5, cy=99.5, width=320, height=200)
 
 
 class Oracle(GraspNetwork):
@@ -115,13 +116,65 @@ def test_a_gripper_leaves_out_what_it_cannot_open_for():
     assert np.abs(jaws_px - found.grasps.height[0]).min() < 1e-3
 
 
+def test_a_closed_grasp_is_opened_alike_in_pixels_and_metres():
+    camera, gripper = Camera(600.0, 300.0, 159.5, 99.5, 320, 200), load_gripper("franka")
+    for angle in (0.0, 0.4, math.pi / 2):
+        closed = Grasps([[100.0, 90.0]], [angle], [0.0], [9.0], [0.5])
+        z = np.array([0.6])
+        _, grasps, width_m = fitted(closed, np.zeros(1), z, camera, gripper)
+        assert width_m[0] > 0
+        depth = np.full((200, 320), 0.6, np.float32)
+        assert locate(grasps, depth, camera)[1] == pytest.approx(width_m)
+
+
+def test_the_jaw_is_as_long_as_the_grippers_whatever_the_pixels():
+    """Against the ends of the jaw, deprojected."""
+    camera, gripper = Camera(600.0, 300.0, 159.5, 99.5, 320, 200), load_gripper("franka")
+    for angle in (0.0, 0.4, math.pi / 2):
+        grasp = Grasps([[100.0, 90.0]], [angle], [20.0], [9.0], [0.5])
+        found = with_jaw(grasp, np.array([0.6]), camera, gripper)
+        across = found.replace(angle=[angle + math.pi / 2], width=found.height)
+        depth = np.full((200, 320), 0.6, np.float32)
+        length_m = locate(across, depth, camera)[1][0]
+        assert np.abs(np.array(gripper.jaw_sizes_m) - length_m).min() < 1e-9
+
+
+def test_a_mask_that_the_network_does_not_see_is_told():
+    mask = np.zeros((200, 320), bool)
+    mask[60, 100] = True  # less than a pixel of the input
+    with pytest.raises(InvalidInputError, match="smaller than a pixel"):
+        detector_of((20.0, 40.0, 0.0, 20.0)).detect(depth=table(), mask=mask)
+
+
+def test_a_close_up_looks_at_what_is_masked():
+    """Two boxes; without a mask both are seen, with one that of the mask, as of a region."""
+    depth = np.full((240, 320), 0.8, np.float32)
+    depth[60:80, 40:70] -= 0.04
+    depth[150:170, 230:260] -= 0.04
+    camera = Camera(fx=400.0, fy=400.0, cx=159.5, cy=119.5, width=320, height=240)
+    detector = Detector.load("ggcnn2-depth")
+    mask = np.zeros(depth.shape, bool)
+    mask[60:80, 40:70] = True
+    seen = detector.prepare(depth=depth, camera=camera, mask=mask)
+    asked = detector.prepare(depth=depth, camera=camera, region=(40, 60, 30, 20))
+    assert seen.matrix.tolist() == asked.matrix.tolist()
+    assert seen.inputs.tolist() == asked.inputs.tolist()
+    both = detector.prepare(depth=depth, camera=camera)
+    assert not np.allclose(both.matrix, seen.matrix)
+    found = detector.detect(depth=depth, camera=camera, mask=mask)
+    x, y = found.grasps.center[0]
+    assert 38 <= x <= 71
+    assert 58 <= y <= 81
+
+
 @pytest.mark.parametrize(
     ("asked_m", "given_m"), [(0.05, 0.058), (0.079, 0.08), (0.09, 0.08), (0.094, None)]
 )
 def test_a_gripper_opens_with_clearance_as_far_as_it_goes(asked_m, given_m):
     gripper = load_gripper("franka")
     found = Grasps([[10.0, 20.0]], [0.3], [30.0], [9.0], [0.5])
-    kept, grasps, width_m = fitted(found, np.array([asked_m]), gripper)
+    depth_m = np.array([asked_m * 400.0 / 30.0])  # where 30 px are so wide
+    kept, grasps, width_m = fitted(found, np.array([asked_m]), depth_m, CAMERA, gripper)
     if given_m is None:
         assert len(kept) == len(grasps) == len(width_m) == 0
     else:
@@ -207,7 +260,15 @@ def test_one_wild_pixel_does_not_move_a_grasp():
         ({"depth": table(20, 30), "region": (0, 0, 5)}, "region"),
         ({"depth": table(20, 30), "region": (0, 0, 1e-300, 1e-300)}, "region"),
         ({"depth": table(20, 30), "region": (0, 0, 1e9, 1e9)}, "region"),
+        ({"depth": table(20, 30), "region": "1,2,3,4"}, "region"),
+        ({"depth": table(20, 30), "region": 5}, "region"),
         ({"depth": table(20, 30), "top": 0}, "top"),
+        ({"depth": table(20, 30), "top": math.nan}, "top"),
+        ({"depth": table(20, 30), "threshold": math.nan}, "threshold"),
+        ({"depth": table(20, 30), "min_distance": math.inf, "method": "ggcnn"}, "min_distance"),
+        ({"depth": table(20, 30).tolist()}, "depth"),
+        ({"depth": table(20, 30), "camera": {"fx": 1}}, "camera"),
+        ({"depth": table(20, 30), "gripper": "franka"}, "gripper"),
     ],
 )
 def test_bad_input_is_named(arguments, name):

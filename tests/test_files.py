@@ -83,6 +83,47 @@ def test_depth_of_all_formats(tmp_path, dtype):
         )
 
 
+@pytest.mark.parametrize("colour", [(0, 0, 255), (0, 255, 0), (255, 0, 0), (255, 255, 255)])
+def test_a_mask_of_any_colour_on_black(tmp_path, colour):
+    picture = np.zeros((4, 6, 3), np.uint8)
+    picture[1:3, 2:4] = colour
+    found = pictures.read_mask(save(tmp_path / "a.png", picture))
+    np.testing.assert_array_equal(found, picture.any(axis=2))
+
+
+def test_a_cut_out_is_where_it_is_opaque(tmp_path):
+    picture = np.full((4, 6, 4), 255, np.uint8)
+    picture[..., 3] = 0
+    picture[1:3, 2:4] = (7, 7, 7, 255)  # nearly black, and white around it
+    found = pictures.read_mask(save(tmp_path / "a.png", picture))
+    np.testing.assert_array_equal(found, picture[..., 3] > 0)
+
+
+@pytest.mark.parametrize("beyond", [100.5, 655.35, 1e10, 3e38])
+def test_what_stands_for_no_depth_is_a_hole(tmp_path, beyond):
+    """A renderer's background, the greatest number of a driver: however much of the picture."""
+    for share in (1, 3):
+        depth = np.full((2, 4), 0.5, np.float32)
+        depth[:, :share] = beyond
+        if share == 3 and beyond < 1e5:
+            continue  # then it looks like a picture in millimetres
+        expected = np.where(depth == 0.5, depth, np.nan)
+        np.save(tmp_path / "a.npy", depth)
+        np.testing.assert_array_equal(pictures.read_depth(tmp_path / "a.npy"), expected)
+    sixteen = np.array([[500, 65535], [65534, 1]], np.uint16)
+    expected = np.array([[0.5, np.nan], [65.534, 0.001]], np.float32)
+    found = pictures.read_depth(save(tmp_path / "b.png", sixteen))
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("dtype", [">f4", "<f4", ">f8", ">u2", "<u2"])
+def test_depth_in_any_order_of_bytes(tmp_path, dtype):
+    depth = np.array([[500, 750]]).astype(dtype)
+    np.save(tmp_path / "a.npy", depth if dtype.endswith("u2") else depth / 1000)
+    found = pictures.read_depth(tmp_path / "a.npy")
+    np.testing.assert_allclose(found, [[0.5, 0.75]], rtol=1e-6)
+
+
 def test_depth_that_is_none(tmp_path):
     colour = np.zeros((4, 4, 3), np.uint8)
     with pytest.raises(FileFormatError, match="one channel"):
@@ -246,6 +287,35 @@ def test_the_cache_folder_is_the_users(monkeypatch, tmp_path):
     assert files.cache_folder() == tmp_path / "b" / "graspmap"
     monkeypatch.delenv("XDG_CACHE_HOME")
     assert files.cache_folder().parts[-2:] == (".cache", "graspmap")
+
+
+@pytest.mark.parametrize("cache", ["there", "a-file"])
+def test_numba_has_a_folder_where_the_package_cannot_be_written(tmp_path, cache):
+    """In a process of its own: what numba is told counts until it is imported."""
+    (tmp_path / "a-file").touch()
+    code = (
+        "import os\n"
+        "real = os.access\n"
+        "os.access = lambda path, mode: 'graspmap' not in str(path).rsplit('/src/', 1)[-1]"
+        " and real(path, mode)\n"
+        "import graspmap\n"
+        "import numba\n"
+        "print(numba.config.CACHE_DIR)\n"
+        "import graspmap.data.images\n"
+    )
+    env = {**os.environ, "GRASPMAP_CACHE": str(tmp_path / cache)}
+    env.pop("NUMBA_CACHE_DIR", None)
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    folder = Path(done.stdout.split()[-1])
+    if cache == "there":
+        assert folder == tmp_path / "there" / "numba"
+        assert folder.is_dir()
+    else:
+        assert folder.name.startswith("graspmap-numba-")
+        assert not folder.exists()  # it went with its process
 
 
 def test_a_user_without_a_home_has_a_cache_folder(monkeypatch):

@@ -111,6 +111,20 @@ def test_a_region_of_a_picture():
     assert np.allclose(find_table(room, (22.0, 41.0, 60.0, 37.5)).depth_m(SHAPE), 1.8, atol=1e-4)
 
 
+def test_a_region_counts_although_the_picture_shows_the_horizon():
+    """A camera that looks far along a table: beyond its horizon there is a wall."""
+    rows, columns = SHAPE
+    y = (np.arange(rows)[:, None] - rows / 2) / 60
+    inverse = (np.cos(1.0) * y + np.sin(0.55)) / 0.7 + 0 * np.zeros((rows, columns))
+    room = np.where(inverse > 1 / 3, 1 / np.maximum(inverse, 1e-6), 3.0).astype(np.float32)
+    region = (30.0, 60.0, 60.0, 28.0)
+    found = find_table(room, region)
+    assert np.abs(found.depth_m(SHAPE) - room)[60:88, 30:90].max() < 1e-3
+    # Behind the horizon there is no table; it is said to be very far, and never behind the camera.
+    assert (found.depth_m(SHAPE) > 0).all()
+    assert found.inverse_depth(0, 0) > 0
+
+
 def test_thin_pictures_and_single_pixels():
     for shape in ((1, 1), (1, 50), (50, 1), (2, 3)):
         depth = np.full(shape, 0.7, np.float32)

@@ -95,6 +95,37 @@ def test_it_grows_where_more_stands_on_the_table_than_fits():
     assert seen.max() < SIZE - 6
 
 
+@pytest.mark.parametrize("lower", [0.05, 0.4])
+@pytest.mark.parametrize("noise", [0.0, 0.001])
+def test_a_floor_beside_the_table_hides_nothing(lower, noise):
+    depth, camera, on = tabletop(
+        distance=0.7, focal=300, tilt=0.0, at=(-0.1, -0.05), half=0.025, rise=0.05
+    )
+    depth[:, 200:] += lower  # 38 % of the picture
+    depth += np.random.default_rng(0).normal(0, noise, depth.shape).astype(np.float32)
+    matrix = input_window(depth.shape, SIZE, view="20 cm", depth_m=depth, camera=camera)
+    rows, columns = np.nonzero(on)
+    middle = apply(matrix, np.array([[columns.mean(), rows.mean()]]))
+    assert np.abs(middle - (SIZE - 1) / 2).max() < 4
+
+
+@pytest.mark.parametrize("shape", [(2, 640), (3, 1000), (1, 400), (640, 2), (1, 1)])
+def test_pictures_and_parts_of_few_rows(shape):
+    rows, columns = shape
+    camera = Camera(300.0, 300.0, (columns - 1) / 2, (rows - 1) / 2, columns, rows)
+    depth = np.full(shape, 0.7, np.float32)
+    assert np.isfinite(input_window(shape, SIZE, view="20 cm", depth_m=depth, camera=camera)).all()
+
+
+def test_a_region_that_hangs_over_the_edge():
+    depth, camera, _ = tabletop(distance=0.8, focal=300, tilt=0.1, at=(0, 0), half=0.03, rise=0.03)
+    for region in ((0, 238.2, 320, 240), (0, 0, 320, 1), (0, -238, 320, 240), (319, 0, 5, 240)):
+        matrix = input_window(
+            depth.shape, SIZE, view="20 cm", region_xywh=region, depth_m=depth, camera=camera
+        )
+        assert np.isfinite(matrix).all()
+
+
 @pytest.mark.parametrize("speck", [False, True])
 def test_an_empty_table_is_seen_in_its_middle(speck):
     depth, camera, _ = tabletop(distance=0.8, focal=300, tilt=0.2, at=(0, 0), half=0.0, rise=0.01)

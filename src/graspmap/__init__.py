@@ -8,7 +8,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from graspmap.files import keep_compiled_code
 from graspmap.lazy import lazy_names
+
+keep_compiled_code()  # before anything imports numba
 
 __version__ = "0.1.0.dev0"
 

@@ -6,8 +6,10 @@ final name.
 
 from __future__ import annotations
 
+import atexit
 import importlib
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -54,6 +56,27 @@ def cache_folder() -> Path:
         return Path.home() / ".cache" / "graspmap"
     except RuntimeError:
         return Path(tempfile.gettempdir()) / "graspmap"
+
+
+def keep_compiled_code() -> None:
+    """Give numba a folder for what it compiles, where it would find none.
+
+    It keeps its code beside the package or in the user's folder of caches, and where neither can be
+    written (a package of root's in a container, a user without a home) refuses to import.
+    """
+    beside = Path(__file__).parent
+    if "NUMBA_CACHE_DIR" in os.environ or os.access(beside, os.W_OK):
+        return
+    folder = cache_folder() / "numba"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if not os.access(folder, os.W_OK):
+            raise PermissionError(folder)
+    except OSError:
+        # A name that others could guess would let them put code there.
+        folder = Path(tempfile.mkdtemp(prefix="graspmap-numba-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    os.environ["NUMBA_CACHE_DIR"] = str(folder)
 
 
 def shipped_or_path(

@@ -91,7 +91,8 @@ def run(argv: Sequence[str]) -> int:
         raise InvalidInputError(
             "--gripper", flags.gripper, "only with --camera and --depth: a gripper needs metres"
         )
-    read = (flags.weights, flags.rgb, flags.depth, flags.mask, flags.camera)
+    gripper_file = None if flags.gripper is None else Path(flags.gripper)
+    read = (flags.weights, flags.rgb, flags.depth, flags.mask, flags.camera, gripper_file)
     output_file(flags.overlay, "--overlay", PICTURE_SUFFIXES, keep=read)
     output_file(flags.json, "--json", keep=read)
     from graspmap.geometry import Camera

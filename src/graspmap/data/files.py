@@ -23,13 +23,15 @@ from numpy.typing import NDArray
 
 from graspmap.data.png import SIGNATURE, decode_rgb
 from graspmap.data.scene import Depth, Mask, Rgb
-from graspmap.errors import FileFormatError
+from graspmap.errors import FileFormatError, InvalidInputError
 from graspmap.files import read_bytes, write_bytes
 
 _DECODER = threading.Lock()
 _REPLACE = "replace it with a good copy"
-# No camera of a grasping set-up sees further; numbers above this are millimetres.
+# No camera of a grasping set-up sees further: single numbers above this stand for nothing, and if
+# they are the rule they are millimetres.
 FARTHEST_M = 100.0
+_NO_DEPTH = 65535  # of 16 bits, as some drivers mark what is out of range
 
 
 def read_image(path: Path) -> NDArray[Any]:
@@ -72,7 +74,10 @@ def read_rgb(path: Path) -> Rgb:
 
 
 def read_mask(path: Path) -> Mask:
-    """(H, W) bool mask from a picture with 0 and 255, or 0 and 1; of colours the first counts.
+    """(H, W) bool mask from a picture with 0 and 255, or 0 and 1.
+
+    In a picture of colours whatever is not black is inside. Where it has transparency (a cut-out),
+    what is not opaque is outside, whatever its colour.
 
     Raises:
         MissingFileError: The file does not exist.
@@ -82,7 +87,9 @@ def read_mask(path: Path) -> Mask:
     image = read_image(path)
     if image.dtype != np.uint8:
         raise FileFormatError(path, f"mask has type {image.dtype}", "save it with 8 bits, 0 or 255")
-    plane = image if image.ndim == 2 else image[:, :, 0]
+    plane = image if image.ndim == 2 else image[:, :, :3].max(axis=2)
+    if image.ndim == 3 and image.shape[2] == 4 and image[:, :, 3].min(initial=255) < 255:
+        plane = image[:, :, 3]
     inside = plane != 0
     if np.count_nonzero(plane == plane.max(initial=0)) < np.count_nonzero(inside):
         raise FileFormatError(
@@ -95,7 +102,7 @@ def read_depth(path: Path) -> Depth:
     """(H, W) float32 metres, NaN where there is none.
 
     Floating-point pictures (TIFF) and arrays (.npy) hold metres; 16-bit pictures hold millimetres,
-    as depth cameras write them. Zero, negative and not finite numbers mark holes.
+    as depth cameras write them, 65535 where there is none. Holes are further as `metres` says.
 
     Raises:
         MissingFileError: The file does not exist.
@@ -106,36 +113,46 @@ def read_depth(path: Path) -> Depth:
     image = _read_array(path) if path.suffix.lower() == ".npy" else read_image(path)
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[:, :, 0]
+    image = image.astype(image.dtype.newbyteorder("="), copy=False)
     if image.ndim != 2 or image.size == 0:
         raise FileFormatError(
             path, f"depth has shape {image.shape}", "save it with one channel, (rows, columns)"
         )
     if image.dtype == np.uint16:
-        return metres(image.astype(np.float32) / 1000)
+        return metres(np.where(image == _NO_DEPTH, np.float32(0), image.astype(np.float32) / 1000))
     if image.dtype not in (np.float32, np.float64):
         raise FileFormatError(
             path,
             f"depth has type {image.dtype}",
             "save metres as float32 or millimetres as 16-bit numbers",
         )
-    depth_m = metres(image)
-    typical = _median(depth_m)
-    if typical > FARTHEST_M:
-        raise FileFormatError(
-            path,
-            f"depth has a median of {typical:.6g}, which looks like millimetres",
-            "divide it by 1000: floating-point depth is in metres",
-        )
-    return depth_m
+    try:
+        return metres(image)
+    except InvalidInputError as error:
+        raise FileFormatError(path, f"depth is {error.found}", error.allowed) from error
 
 
 def metres(depth: NDArray[Any]) -> Depth:
-    """(H, W) float32 copy of a depth picture in metres, with NaN for zero, negative, infinite."""
+    """(H, W) float32 copy of a depth picture in metres, with NaN where nothing was measured.
+
+    That is where it is zero, negative, not finite, or so far away that it stands for nothing.
+
+    Raises:
+        InvalidInputError: Its median says that it is in millimetres.
+    """
     depth_m = depth.astype(np.float32)
     # The usual picture has no hole, and finding that out is quicker than the masks below. With a
     # NaN in it, min is NaN and the comparison False.
-    if not (depth_m.min(initial=np.inf) > 0 and depth_m.max(initial=0.0) < np.inf):
-        depth_m[~((depth_m > 0) & (depth_m < np.inf))] = np.nan
+    if depth_m.min(initial=np.inf) > 0 and depth_m.max(initial=0.0) <= FARTHEST_M:
+        return depth_m
+    depth_m[~((depth_m > 0) & (depth_m < 1000 * FARTHEST_M))] = np.nan
+    typical = _median(depth_m)
+    if typical > FARTHEST_M:
+        raise InvalidInputError(
+            "depth", f"{typical:.6g} in the median, which looks like millimetres",
+            "metres; divide by 1000",
+        )  # fmt: skip
+    depth_m[depth_m > FARTHEST_M] = np.nan
     return depth_m
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspmap.data._input_kernel import normalise_depth, normalise_rgb
-from graspmap.data.files import FARTHEST_M, metres
+from graspmap.data.files import metres
 from graspmap.data.table import Table, find_table
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.geometry import affine
@@ -51,7 +51,7 @@ def check_depth_m(depth: ArrayLike, where: str) -> Depth:
     """A depth picture of a user as float32 metres with NaN where there is none.
 
     Args:
-        depth: (H, W) numbers along the camera's z; NaN, infinite, 0 or negative marks a hole.
+        depth: (H, W) numbers along the camera's z; holes as `metres` says.
         where: What the picture is, for the error, for example a file name.
 
     Returns:
@@ -70,18 +70,13 @@ def check_depth_m(depth: ArrayLike, where: str) -> Depth:
             found.dtype,
             "floating-point metres (or 16-bit millimetres divided by 1000)",
         )
-    depth_m = metres(found)
-    valid = depth_m[~np.isnan(depth_m)]
-    if not len(valid):
+    try:
+        depth_m = metres(found)
+    except InvalidInputError as error:
+        raise InvalidInputError(f"depth in {where}", error.found, error.allowed) from error
+    if np.isnan(depth_m).all():
         raise InvalidInputError(
             f"depth in {where}", "without a single measurement", "metres above 0 somewhere"
-        )
-    median = float(np.median(valid))
-    if median > FARTHEST_M:
-        raise InvalidInputError(
-            f"depth in {where}",
-            f"{median:.0f} in the median, which looks like millimetres",
-            "metres; divide by 1000",
         )
     return depth_m
 

@@ -41,7 +41,7 @@ from graspmap.geometry.transforms import RigidTransform
 fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 
 _LOG = logging.getLogger(__name__)
-_VERSION = 7  # counts up whenever the same sources would give other bytes
+_VERSION = 8  # counts up whenever the same sources would give other bytes
 _META = "store.json"
 _PICTURES: dict[str, tuple[Any, tuple[int, ...]]] = {
     "rgb": (np.uint8, (3,)),

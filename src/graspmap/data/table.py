@@ -21,6 +21,8 @@ from graspmap.errors import InvalidInputError
 from graspmap.geometry.affine import check_affine
 
 Floats = NDArray[np.float64]
+Box = tuple[float, float, float, float]
+"""First and last column, first and last row, pixels."""
 
 _SAMPLES_A_SIDE = 48
 _ROUNDS = 8
@@ -31,6 +33,7 @@ _ORDER = 3
 _PLANE = ((0, 0), (0, 1), (1, 0))  # powers of y and x
 _BOWL = tuple((i, j) for i in range(_ORDER + 1) for j in range(_ORDER + 1 - i))
 _BENT = 0.4  # of the plane's deviation that a bowl's must not exceed to be believed
+_FARTHEST = 1e-3  # 1 / metres; beyond the horizon of a tilted table there is no depth at all
 _BEYOND = 2.0  # what lies behind the table by so many times as much (an edge, a mirror) is none
 
 
@@ -46,11 +49,11 @@ class Table:
     """
 
     inverse: Floats
-    box: tuple[float, float, float, float]
+    box: Box
 
     def inverse_depth(self, x: float, y: float) -> float:
         """1 / depth at a point of the picture, 1 / metres."""
-        return float(polyval2d(y, x, self.inverse))
+        return max(_FARTHEST, float(polyval2d(y, x, self.inverse)))
 
     def depth_m(self, shape: tuple[int, int]) -> NDArray[np.float32]:
         """(H, W) float32 depth of the table at every pixel, metres."""
@@ -61,6 +64,7 @@ class Table:
         order = _ORDER if self.inverse[2:].any() or self.inverse[:, 2:].any() else 1
         few = self.inverse[: order + 1, : order + 1]
         inverse = (polyvander(y, order) @ few @ polyvander(x, order).T).astype(np.float32)
+        np.maximum(inverse, np.float32(_FARTHEST), out=inverse)
         found: NDArray[np.float32] = np.reciprocal(inverse, out=inverse)
         return found
 
@@ -113,14 +117,15 @@ def find_table(
             None: all of the picture.
 
     Returns:
-        The table; where the fit would lie behind the camera in a part of the picture, a level one
-        at the median depth.
+        The table; where the fit would lie behind the camera in a part of the picture (of the
+        region, where there is one), a level one at the median depth.
 
     Raises:
         InvalidInputError: There is nothing but holes.
     """
     rows, columns = depth_m.shape
     box = (0.0, columns - 1.0, 0.0, rows - 1.0)
+    left, right, top, bottom = box if region_xywh is None else _clipped(box, region_xywh)
     points, seen = _sampled(depth_m, region_xywh)
     # Pixels about the picture's middle, in units of its longer side: numbers of one size.
     side = max(rows, columns)
@@ -132,12 +137,20 @@ def find_table(
     for inverse in _fits(points @ unit.T, seen):
         table = Table(_moved(inverse, back), box)
         # No table is ten times as far away on one side of a picture as in its middle.
-        corners = [table.inverse_depth(x, y) for x in (0, columns - 1) for y in (0, rows - 1)]
+        corners = [table.inverse_depth(x, y) for x in (left, right) for y in (top, bottom)]
         if min(corners) > 0.1 * level:
             return table
     flat = np.zeros((_ORDER + 1, _ORDER + 1))
     flat[0, 0] = level
     return Table(flat, box)
+
+
+def _clipped(box: Box, region_xywh: tuple[float, float, float, float]) -> Box:
+    """First and last column, first and last row of the part of a region that a picture shows."""
+    x, y, width, height = region_xywh
+    left, right = np.clip((x, x + width - 1), *box[:2]).tolist()
+    top, bottom = np.clip((y, y + height - 1), *box[2:]).tolist()
+    return left, right, top, bottom
 
 
 def _sampled(

@@ -52,6 +52,7 @@ Region = tuple[float, float, float, float]
 
 _SAMPLES_A_SIDE = 128
 _LEAST_RISE_M = 0.004  # what rises less is not told from the table's noise
+_DEEPEST_NOISE_M = 0.03
 _DEVIATIONS = 4.0
 _LEAST_AREA_M2 = 5e-5  # of an object seen from above; specks of noise are smaller
 _MARGIN = 1.2  # side of the window over that of what stands on the table, at least
@@ -162,7 +163,10 @@ def checked_region(region_xywh: Sequence[float]) -> Region:
     Raises:
         InvalidInputError: Not four finite numbers, or a width or height that is not positive.
     """
-    numbers = tuple(float(v) for v in region_xywh)
+    try:
+        numbers = tuple(float(v) for v in region_xywh)
+    except (TypeError, ValueError):
+        numbers = ()
     if len(numbers) != 4 or not all(map(math.isfinite, numbers)) or min(numbers[2:]) <= 0:
         allowed = "x, y, width, height in pixels, sizes above 0"
         raise InvalidInputError("region", region_xywh, allowed)
@@ -237,10 +241,12 @@ def _standing(
     rows, columns = part_m.shape
     step = max(1, max(rows, columns) // _SAMPLES_A_SIDE)
     shown = table.transformed(np.array([[1.0, 0, -first[0]], [0, 1, -first[1]], [0, 0, 1]]))
-    risen = (shown.depth_m(part_m.shape) - part_m)[step // 2 :: step, step // 2 :: step]
+    first_row, first_column = (min(step // 2, (n - 1) // 2) for n in (rows, columns))
+    risen = (shown.depth_m(part_m.shape) - part_m)[first_row::step, first_column::step]
     low = np.nan_to_num(risen, nan=0.0)
-    # Half of the picture is table: what lies lower than it says how far its noise reaches.
-    below = low[low < 0]
+    # Half of the picture is table: what lies a little lower says how far its noise reaches. What
+    # lies much lower is a floor beside it.
+    below = low[(low < 0) & (low > -_DEEPEST_NOISE_M)]
     noise = 1.4826 * float(np.median(-below)) if below.size else 0.0
     standing = (low > max(_LEAST_RISE_M, _DEVIATIONS * noise)).astype(np.uint8)
     _, _, boxes, middles = cv2.connectedComponentsWithStats(standing, connectivity=8)
@@ -257,7 +263,7 @@ def _standing(
     left, top = (min(box[i] for box in kept) for i in (cv2.CC_STAT_LEFT, cv2.CC_STAT_TOP))
     right = max(box[cv2.CC_STAT_LEFT] + box[cv2.CC_STAT_WIDTH] for box in kept) - 1
     bottom = max(box[cv2.CC_STAT_TOP] + box[cv2.CC_STAT_HEIGHT] for box in kept) - 1
-    x, y = x + step // 2, y + step // 2
+    x, y = x + first_column, y + first_row
     return (
         float(left * step + x),
         float(right * step + x),

@@ -124,7 +124,8 @@ class AntipodalGrasp:
         length = np.linalg.norm(way, axis=1)
         grasps = _grasps((start + end) / 2, way / length[:, None], length + 1, quality[order])
         if camera is not None and gripper is not None and len(grasps):
-            _, grasps, _ = fitted(grasps, locate(grasps, depth, camera)[1], gripper)
+            position_m, width_m = locate(grasps, depth, camera)
+            _, grasps, _ = fitted(grasps, width_m, position_m[:, 2], camera, gripper)
         return ShapeDetection(_spread(grasps, top, _APART * max(mask.shape)))
 
 

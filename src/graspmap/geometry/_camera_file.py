@@ -8,12 +8,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from graspmap.errors import FileFormatError, GraspmapWarning, InvalidInputError
 from graspmap.files import read_text
 
 _REMEDY = "give a JSON or YAML file with fx, fy, cx, cy, width, height, or a ROS camera_info"
 _MATRIX_KEYS = ("K", "k", "camera_matrix")
 _DISTORTION_KEYS = ("D", "d", "distortion_coefficients", "coeffs")
+_PROJECTION_KEYS = ("P", "p", "projection_matrix")
 
 
 def intrinsics(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -24,8 +28,12 @@ def intrinsics(values: Mapping[str, Any]) -> dict[str, Any]:
     """
     found: dict[str, Any] = {}
     key = next((k for k in _MATRIX_KEYS if k in values), None)
+    bent = next((k for k in _DISTORTION_KEYS if _is_bent(values.get(k))), None)
     if key is not None and "fx" not in values:
-        found.update(_from_matrix(key, values[key]))
+        rectified = None if bent is None else _rectified(values)
+        found.update(rectified or _from_matrix(key, values[key]))
+        if rectified:
+            bent = None
     names = {
         "fx": ("fx",),
         "fy": ("fy",),
@@ -45,17 +53,28 @@ def intrinsics(values: Mapping[str, Any]) -> dict[str, Any]:
             f"without {', '.join(missing)} (it has {', '.join(map(str, values)) or 'nothing'})",
             "fx, fy, cx, cy, width, height, or a ROS camera_info with K, width and height",
         )
-    _warn_of_distortion(values)
+    if bent is not None:
+        _warn(
+            f"{bent} is {_flat(values[bent]).tolist()}: graspmap's camera has no lens distortion; "
+            "rectify the pictures first or accept the error near their edges"
+        )
     return found
+
+
+def _flat(value: Any) -> NDArray[np.float64]:
+    """The numbers of a list, of rows, of an array, or of a mapping with ``data``.
+
+    Raises:
+        TypeError, ValueError: They are none.
+    """
+    return np.asarray(value["data"] if isinstance(value, Mapping) else value, np.float64).ravel()
 
 
 def _from_matrix(key: str, value: Any) -> dict[str, float]:
     """Focal lengths and principal point from nine numbers, row by row, or three rows of three."""
-    rows: Any = value.get("data") if isinstance(value, Mapping) else value
     try:
-        flat = [n for row in rows for n in (row if isinstance(row, list | tuple) else [row])]
-        numbers = [float(n) for n in flat]
-    except (TypeError, ValueError, OverflowError) as error:
+        numbers = _flat(value).tolist()
+    except (TypeError, ValueError, OverflowError, KeyError) as error:
         raise InvalidInputError(key, f"{value!r:.80}", "nine numbers, row by row") from error
     if len(numbers) != 9:
         raise InvalidInputError(f"length of {key}", len(numbers), "nine numbers, row by row")
@@ -65,17 +84,36 @@ def _from_matrix(key: str, value: Any) -> dict[str, float]:
     return {"fx": fx, "fy": fy, "cx": cx, "cy": cy}
 
 
-def _warn_of_distortion(values: Mapping[str, Any]) -> None:
-    for key in _DISTORTION_KEYS:
-        terms = values.get(key)
-        terms = terms.get("data") if isinstance(terms, Mapping) else terms
-        if isinstance(terms, list | tuple) and any(t not in (0, 0.0) for t in terms):
-            warnings.warn(
-                f"{key} is {list(terms)}: graspmap's camera has no lens distortion; "
-                "rectify the pictures first or accept the error near their edges",
-                GraspmapWarning,
-                stacklevel=4,
-            )
+def _is_bent(terms: Any) -> bool:
+    """Whether the terms of a lens distortion say that there is some."""
+    try:
+        return terms is not None and bool(_flat(terms).any())
+    except (TypeError, ValueError, OverflowError, KeyError):
+        return False
+
+
+def _rectified(values: Mapping[str, Any]) -> dict[str, float] | None:
+    """The camera of the rectified picture, which a ROS camera_info has beside that of the lens.
+
+    Its D stays that of the lens, whichever picture the camera_info came with. None where it does
+    not say, as before a calibration.
+    """
+    key = next((k for k in _PROJECTION_KEYS if k in values), None)
+    try:
+        numbers = _flat(values[key]).tolist() if key is not None else []
+    except (TypeError, ValueError, OverflowError, KeyError):
+        return None
+    if len(numbers) != 12 or not numbers[0] > 0 or not numbers[5] > 0:
+        return None
+    _warn(
+        f"the camera_info has lens distortion: its {key} is taken, the camera of the rectified "
+        "picture; give that picture (image_rect), not the raw one"
+    )
+    return {"fx": numbers[0], "fy": numbers[5], "cx": numbers[2], "cy": numbers[6]}
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, GraspmapWarning, stacklevel=5)
 
 
 def load(path: Path) -> Mapping[str, Any]:

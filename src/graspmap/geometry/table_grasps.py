@@ -105,7 +105,7 @@ class TableGrasps(Rows):
             center_m=point[:, :2],
             angle=np.arctan2(scale[:, 1], scale[:, 0]),
             width_m=np.hypot(scale[:, 0], scale[:, 1]) * grasps.width / (1 - reach**2),
-            height_m=grasps.height * depth * _across(grasps, camera),
+            height_m=grasps.height * depth * pixel_across(grasps, camera),
             quality=grasps.quality,
         )
 
@@ -151,7 +151,7 @@ class TableGrasps(Rows):
             height=np.zeros(len(self)),
             quality=self.quality,
         )
-        return grasps.replace(height=self.height_m / (depth * _across(grasps, camera)))
+        return grasps.replace(height=self.height_m / (depth * pixel_across(grasps, camera)))
 
     def __repr__(self) -> str:
         if len(self) != 1:
@@ -224,8 +224,14 @@ def _nearest_depth(depth: NDArray[np.floating], pixels: Floats) -> Floats:
     return out
 
 
-def _across(grasps: Grasps, camera: Camera) -> Floats:
-    """(N,) metres at depth 1 of a pixel across the opening; 1 / f for square pixels."""
+def pixel_along(grasps: Grasps, camera: Camera) -> Floats:
+    """(N,) metres at depth 1 of a pixel along the opening; 1 / f for square pixels."""
+    axis = grasps.axis()
+    return np.hypot(axis[:, 0] / camera.fx, axis[:, 1] / camera.fy)
+
+
+def pixel_across(grasps: Grasps, camera: Camera) -> Floats:
+    """(N,) metres at depth 1 of a pixel across the opening, along the jaw."""
     axis = grasps.axis()
     return np.hypot(axis[:, 1] / camera.fx, axis[:, 0] / camera.fy)
 

@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 
 from graspmap.data.images import check_depth_m, to_input, warp
 from graspmap.data.windows import (
-    Region,
-    checked_region,
     close_up_m,
     input_window,
     shown_table,
@@ -30,6 +28,13 @@ from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps
 from graspmap.gripper import Gripper
 from graspmap.inference.locate import fitted, locate, with_jaw
+from graspmap.inference.request import (
+    allowed_pixels,
+    bounds,
+    check_pictures,
+    check_region,
+    check_request,
+)
 from graspmap.inference.shipped import default_weights, weights_path
 from graspmap.inference.weights import WeightsCard, load_weights, weights_hash
 from graspmap.maps.find import find_grasps
@@ -38,7 +43,6 @@ from graspmap.networks import GraspNetwork, multiply_adds, parameter_count
 
 BACKENDS = ("torch",)
 _LOG = logging.getLogger(__name__)
-_LARGEST_REGION = 100
 _ASSUMED_VIEW_RAD = math.radians(57)  # of the longer side: between Kinect and RealSense
 _SPARE = 20
 """Grasps looked at for each one asked for, where a gripper may rule some out."""
@@ -194,7 +198,8 @@ class Detector:
             region: (x, y, width, height) in pixels: the network looks at the square around it, one
                 that sees close-ups at what stands on the table inside it; grasps are centred inside
                 it.
-            mask: (H, W) bool: grasps are centred where it is True.
+            mask: (H, W) bool: grasps are centred where it is True; a network that sees close-ups
+                looks at what it marks, where there is no region.
             method: Decoding, see `graspmap.find_grasps`. A calibration is one of ``refined``; by
                 the others, quality stays the network's own.
             threshold: Least quality of a grasp; None takes the default of the decoding.
@@ -205,7 +210,7 @@ class Detector:
             InvalidInputError: A picture is missing or has the wrong shape or unit, the region or
                 the mask leaves nothing, ``top`` is below 1.
         """
-        _check_request(top, depth, camera, gripper)
+        check_request(top, depth, camera, gripper, threshold)
         prepared = self.prepare(rgb, depth, camera=camera, region=region, mask=mask)
         return self.decode(
             prepared,
@@ -247,7 +252,10 @@ class Detector:
         close_up = close_up_m(view) is not None
         if camera is None and close_up:
             camera = _assumed_camera(shape)
-        where = None if region is None else _check_region(region, shape)
+        where = None if region is None else check_region(region, shape)
+        allowed = allowed_pixels(shape, where, mask)
+        if where is None and mask is not None and close_up:
+            where = bounds(mask)  # a close-up is about one thing: that of the mask
         measured = self.card.channels != "rgb" and self.card.depth_zero == "table"
         table = None
         if depth is not None and (measured or close_up):
@@ -264,7 +272,11 @@ class Detector:
             depth_zero=self.card.depth_zero,
             table=table,
         )
-        return Prepared(inputs, matrix, _allowed(shape, where, mask, matrix, size), depth)
+        seen = warp(allowed, matrix, size, fill=False)
+        if not seen.any():
+            found = "outside what the network sees, or smaller than a pixel of it"
+            raise InvalidInputError("mask and region", found, "a larger mask, or a region about it")
+        return Prepared(inputs, matrix, seen, depth)
 
     def decode(
         self,
@@ -294,7 +306,7 @@ class Detector:
             InvalidInputError: As in `detect`.
         """
         depth, matrix = prepared.depth_m, prepared.matrix
-        _check_request(top, depth, camera, gripper)
+        check_request(top, depth, camera, gripper, threshold)
         probability = self._probability if method == "refined" else None
         if probability is not None and threshold is not None:
             threshold = float(probability.inverse(threshold))
@@ -314,7 +326,8 @@ class Detector:
         if camera is not None and depth is not None:
             position_m, width_m = locate(grasps, depth, camera)
             if gripper is not None:
-                kept, grasps, width_m = fitted(grasps, width_m, gripper)
+                depths_m = position_m[:, 2]
+                kept, grasps, width_m = fitted(grasps, width_m, depths_m, camera, gripper)
                 grasps, position_m, width_m = grasps[:top], position_m[kept][:top], width_m[:top]
                 grasps = with_jaw(grasps, position_m[:, 2], camera, gripper)
         return Detection(grasps, maps, matrix, position_m, width_m)
@@ -337,12 +350,7 @@ class Detector:
                 raise InvalidInputError(
                     name, "missing", f"an image: {self.card.network} sees {self.card.channels}"
                 )
-        if rgb is not None and (rgb.dtype != np.uint8 or rgb.ndim != 3 or rgb.shape[2] != 3):
-            raise InvalidInputError("rgb", f"{rgb.dtype} {rgb.shape}", "uint8 (H, W, 3)")
-        if depth is not None and depth.ndim != 2:
-            raise InvalidInputError("shape of depth", depth.shape, "(H, W)")
-        if mask is not None and (mask.dtype != np.bool_ or mask.ndim != 2):
-            raise InvalidInputError("mask", f"{mask.dtype} {mask.shape}", "bool (H, W)")
+        check_pictures(rgb, depth, mask)
         sizes = {
             name: (int(image.shape[0]), int(image.shape[1]))
             for name, image in (("rgb", rgb), ("depth", depth), ("mask", mask))
@@ -367,45 +375,3 @@ def _assumed_camera(shape: tuple[int, int]) -> Camera:
     rows, columns = shape
     camera = Camera.from_field_of_view(_ASSUMED_VIEW_RAD, max(shape), 1)
     return Camera(camera.fx, camera.fy, (columns - 1) / 2, (rows - 1) / 2, columns, rows)
-
-
-def _check_request(
-    top: int,
-    depth: NDArray[np.floating[Any]] | None,
-    camera: Camera | None,
-    gripper: Gripper | None,
-) -> None:
-    if top < 1:
-        raise InvalidInputError("top", top, "1 or more")
-    if gripper is not None and (camera is None or depth is None):
-        missing = "camera" if camera is None else "depth"
-        raise InvalidInputError(missing, "missing", "both with a gripper: it works in metres")
-
-
-def _check_region(region: Sequence[float], shape: tuple[int, int]) -> Region:
-    x, y, width, height = checked_region(region)
-    if max(width, height) < 1 or max(width, height) > _LARGEST_REGION * max(shape):
-        allowed = f"a longer side from 1 px to {_LARGEST_REGION} times that of the picture"
-        raise InvalidInputError("region", region, allowed)
-    if x >= shape[1] or y >= shape[0] or x + width <= 0 or y + height <= 0:
-        raise InvalidInputError("region", region, f"inside the {shape[1]} x {shape[0]} picture")
-    return x, y, width, height
-
-
-def _allowed(
-    shape: tuple[int, int],
-    region: Region | None,
-    mask: NDArray[np.bool_] | None,
-    matrix: NDArray[np.float64],
-    size: int,
-) -> NDArray[np.bool_]:
-    """(size, size) where grasps may be centred: in the picture, the region and the mask."""
-    allowed = np.ones(shape, dtype=bool) if mask is None else mask.copy()
-    if region is not None:
-        x, y, width, height = region
-        rows = np.arange(shape[0])[:, None]
-        columns = np.arange(shape[1])[None, :]
-        allowed &= (rows >= y) & (rows < y + height) & (columns >= x) & (columns < x + width)
-    if not allowed.any():
-        raise InvalidInputError("mask and region", "empty together", "at least one pixel")
-    return warp(allowed, matrix, size, fill=False)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from graspmap.data.images import fill_depth
 from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps
+from graspmap.geometry.table_grasps import pixel_across, pixel_along
 from graspmap.gripper import Gripper
 
 PATCH_PX = 5
@@ -60,7 +61,11 @@ def locate(
 
 
 def fitted(
-    grasps: Grasps, width_m: NDArray[np.float64], gripper: Gripper
+    grasps: Grasps,
+    width_m: NDArray[np.float64],
+    depth_m: NDArray[np.float64],
+    camera: Camera,
+    gripper: Gripper,
 ) -> tuple[NDArray[np.intp], Grasps, NDArray[np.float64]]:
     """The grasps that a gripper can open for, opened with clearance as far as it goes.
 
@@ -70,6 +75,8 @@ def fitted(
     Args:
         grasps: N grasps, pixels.
         width_m: (N,) their openings.
+        depth_m: (N,) depth of their centres.
+        camera: Intrinsics.
         gripper: The gripper.
 
     Returns:
@@ -77,10 +84,9 @@ def fitted(
     """
     most = gripper.max_opening_m
     kept = np.flatnonzero(width_m <= (1 + MARGIN) * most)
-    asked = width_m[kept]
-    given = np.minimum(asked + CLEARANCE * most, most)
-    scale = np.divide(given, asked, out=np.ones_like(given), where=asked > 0)
-    return kept, grasps[kept].replace(width=grasps.width[kept] * scale), given
+    given = np.minimum(width_m[kept] + CLEARANCE * most, most)
+    chosen = grasps[kept]
+    return kept, chosen.replace(width=given / (depth_m[kept] * pixel_along(chosen, camera))), given
 
 
 def with_jaw(
@@ -94,6 +100,7 @@ def with_jaw(
         camera: Intrinsics.
         gripper: The gripper.
     """
-    sizes_px = np.asarray(gripper.jaw_sizes_m) * camera.fx / depth_m[:, None]
+    pixel_m = depth_m * pixel_across(grasps, camera)
+    sizes_px = np.asarray(gripper.jaw_sizes_m) / pixel_m[:, None]
     nearest = np.abs(sizes_px - grasps.height[:, None]).argmin(axis=1)
     return grasps.replace(height=sizes_px[np.arange(len(grasps)), nearest])

@@ -99,9 +99,11 @@ def find_grasps(
     default = DEFAULTS[method]
     distance = default.min_distance if min_distance is None else float(min_distance)
     least = default.threshold if threshold is None else float(threshold)
-    if not distance >= 0 or np.isnan(least):
+    if not 0 <= distance < np.inf or np.isnan(least):
         found = (min_distance, threshold)
-        raise InvalidInputError("min_distance and threshold", found, "numbers, distance >= 0")
+        raise InvalidInputError(
+            "min_distance and threshold", found, "numbers, the distance finite and >= 0"
+        )
     arrays = _arrays(maps)
     allowed = _check_mask(mask, arrays[0].shape[1:])
 
