@@ -289,6 +289,26 @@ def test_the_cache_folder_is_the_users(monkeypatch, tmp_path):
     assert files.cache_folder().parts[-2:] == (".cache", "graspmap")
 
 
+@pytest.mark.skipif(files.fcntl is None, reason="no POSIX locks here")
+def test_a_file_system_without_locks_is_told_and_used(tmp_path, monkeypatch, caplog):
+    def no_locks(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(files.fcntl, "flock", no_locks)
+    with files.locked(tmp_path / "run", "training"):
+        assert (tmp_path / "run").is_dir()
+    assert "cannot be locked" in caplog.text
+
+
+@pytest.mark.parametrize("own", ["", "~/mine"])
+def test_an_empty_cache_folder_is_none_and_a_tilde_is_the_home(monkeypatch, tmp_path, own):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("GRASPMAP_CACHE", own)
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    expected = tmp_path / "mine" if own else tmp_path / ".cache" / "graspmap"
+    assert files.cache_folder() == expected
+
+
 @pytest.mark.parametrize("cache", ["there", "a-file"])
 def test_numba_has_a_folder_where_the_package_cannot_be_written(tmp_path, cache):
     """In a process of its own: what numba is told counts until it is imported."""

@@ -224,6 +224,39 @@ class TestMended:
             0.06
         )
 
+    @pytest.mark.parametrize("turned", [(0,), (1,), (0, 1)])
+    @pytest.mark.parametrize("apart", [0.1, 0.06])
+    def test_bodies_of_which_some_are_inside_out(self, load, turned, apart):
+        bodies = [BOX.copy(), trimesh.creation.box((0.05, 0.04, 0.05))]
+        bodies[1].apply_translation([apart, 0, 0])
+        for number in turned:
+            bodies[number].invert()
+        model = load(trimesh.util.concatenate(bodies))
+        assert model.mass_kg == pytest.approx(500 * (BOX.volume + 0.05 * 0.04 * 0.05))
+        assert np.ptp(np.concatenate(model.pieces)[:, 0]) == pytest.approx(apart + 0.055)
+
+    def test_a_hollow_stays_one(self, load):
+        inner = trimesh.creation.box((0.04, 0.02, 0.03))
+        inner.invert()
+        for whole in (False, True):
+            mesh = trimesh.util.concatenate([BOX, inner])
+            if whole:
+                mesh.invert()
+            model = load(mesh)
+            assert model.mass_kg == pytest.approx(500 * (BOX.volume - 0.04 * 0.02 * 0.03))
+
+    @pytest.mark.parametrize("stray", [(np.nan, 0, 0), (5, 5, 5)])
+    def test_points_that_no_triangle_uses(self, tmp_path, cache, stray):
+        """Beside a body, and beside a surface that walls are made of."""
+        for name, faces in (("box", BOX.faces), ("open", BOX.faces[2:])):
+            text = "".join("v {} {} {}\n".format(*v) for v in [stray, *BOX.vertices])
+            text += "".join("f {} {} {}\n".format(*(face + 2)) for face in faces)
+            (tmp_path / f"{name}.obj").write_text(text)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", MeshWarning)
+                model = load_object(tmp_path / f"{name}.obj", unit="m", cache=cache)
+            assert model.extents_m.max() < 0.07
+
     def test_faces_turned_every_way(self, load):
         faces = np.array(BALL.faces)
         faces[::3] = faces[::3, ::-1]

@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -259,6 +260,18 @@ class TestRanges:
         assert ranges.width_m[0] < gripper.max_opening_m < ranges.width_m[1]
         assert ranges.longest_m[1] > gripper.max_opening_m
         check(make_object(0, 0, ranges=ranges, families=("composition",)), ranges)
+
+    @pytest.mark.parametrize(("least", "greatest"), [(0.011, 0.08), (0.03, 0.074)])
+    def test_a_gripper_that_does_not_close(self, least, greatest):
+        """The WidowX-250 is one: 30 to 74 mm."""
+        gripper = replace(
+            load_gripper("franka"), min_opening_m=least, max_opening_m=greatest,
+        )  # fmt: skip
+        ranges = ObjectRanges.for_gripper(gripper)
+        assert ranges.width_m[0] > least
+        check(make_object(0, 0, ranges=ranges, families=("composition",)), ranges)
+        with pytest.raises(InvalidInputError, match="2\\.2 times the least one"):
+            ObjectRanges.for_gripper(replace(gripper, min_opening_m=0.6 * greatest))
 
     def test_the_defaults_are_those_of_jacquards_gripper(self):
         ranges = ObjectRanges.for_gripper(load_gripper("jacquard"))

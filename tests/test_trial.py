@@ -145,6 +145,33 @@ class TestOutcomes:
         assert result.outcome is Outcome.EMPTY
 
 
+class TestJaws:
+    @pytest.mark.parametrize("jaw", [0.01, 0.02, 0.04, 0.06])
+    def test_all_of_a_jaw_holds_whatever_the_object_is_made_of(self, jaw):
+        """An object off the middle of the jaw, in one piece and cut into four."""
+        outcomes = []
+        for y in (0.0, 0.012, 0.021, 0.027, 0.032, 0.045):
+            for cuts in (1, 4):
+                slices = [
+                    block(0.03, 0.02 / cuts, 0.04).moved(y=(k + 0.5) * 0.02 / cuts - 0.01)
+                    for k in range(cuts)
+                ]
+                whole = slices[0] if cuts == 1 else join(slices)
+                thing = table(standing(whole, 0.05, y=y))
+                (result,) = run_trials(thing, grasps((0.0, 0.0, 0.0, 0.06, jaw)), GRIPPER)
+                outcomes.append(result.outcome is Outcome.EMPTY)
+        one, four = outcomes[::2], outcomes[1::2]
+        assert one == four
+        beside = [abs(y) > jaw / 2 + 0.01 for y in (0.0, 0.012, 0.021, 0.027, 0.032, 0.045)]
+        assert one == beside
+
+    @pytest.mark.parametrize("speed", [0.15, 0.02, 0.004, 0.002])
+    def test_slow_fingers_hold_as_well(self, speed):
+        slow = replace(GRIPPER, closing_speed_m_s=speed)
+        (result,) = run_trials(BOX, grasps(ACROSS), slow)
+        assert result.outcome is Outcome.HELD
+
+
 class TestClutter:
     SCENE = table(
         standing(block(0.12, 0.04, 0.05)),

@@ -23,6 +23,7 @@ from graspmap.evaluation import (
 )
 from graspmap.evaluation.tabletops import scene_gripper, scene_world
 from graspmap.evaluation.trial_results import TriedGrasp
+from graspmap.evaluation.trials import try_in_world
 from graspmap.geometry import Camera, Grasps
 from graspmap.gripper import load_gripper
 from graspmap.metrics import wilson_interval
@@ -175,6 +176,38 @@ def test_a_camera_can_be_given_where_there_is_none(copy):
         try_grasps({scene.id: scene.grasps[:1]}, bare, TrialPlan(camera=wrong))
     plan = TrialPlan(camera=scene.camera, top=None)
     assert try_grasps({scene.id: scene.grasps}, bare, plan).score.success > 0.5
+
+
+def test_a_given_camera_counts_more_than_the_one_that_is_assumed(copy):
+    """Own pictures in Jacquard's layout, without a record or a camera's file."""
+    for path in copy.rglob("*"):
+        if path.name.endswith(("_scene.json", "_camera.json")):
+            path.unlink()
+    scenes = scenes_of(copy).subset(scenes_of(copy).ids[:1])
+    assumed = scenes[0].camera
+    own = replace(assumed, fx=1.3 * assumed.fx, fy=1.3 * assumed.fy)
+    found = scene_world(scenes, 0, camera=own)
+    assert found.camera == own
+    # Its pose is that of the table it sees, not the one that goes with the other camera.
+    assert not np.allclose(
+        found.T_world_camera.matrix, scene_world(scenes, 0, camera=assumed).T_world_camera.matrix
+    )
+
+
+def test_scenes_are_perturbed_apart(generated):
+    """Errors that all scenes shared would not average out over scenes."""
+    scenes = scenes_of(generated)
+    world = scene_world(scenes, 0)
+    grasp = scenes[0].grasps[:1]
+    plan = TrialPlan(perturbation=Perturbation(position_m=0.02), repeats=12)
+
+    def share(name):
+        tried = try_in_world(world, plan, grasp, name, None).tried
+        return tried[0].placed.result.success_probability
+
+    shares = [share(f"scene-{number}") for number in range(8)]
+    assert len(set(shares)) > 2
+    assert shares == [share(f"scene-{number}") for number in range(8)]
 
 
 def test_jaws(generated):

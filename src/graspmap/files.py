@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import atexit
 import importlib
+import logging
 import os
 import shutil
 import tempfile
@@ -28,6 +29,7 @@ from graspmap.errors import (
 
 # Without POSIX locks nobody is kept out.
 fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None
+_LOG = logging.getLogger(__name__)
 
 _REPLACE = "replace it with a good copy"
 _PART = ".part"
@@ -48,8 +50,8 @@ def cache_folder() -> Path:
 
     A user without a home, as in some containers, has it among the temporary files.
     """
-    if "GRASPMAP_CACHE" in os.environ:
-        return Path(os.environ["GRASPMAP_CACHE"])
+    if own := os.environ.get("GRASPMAP_CACHE"):
+        return Path(os.path.expanduser(own))  # noqa: PTH111  # Path's raises where there is no home
     if base := os.environ.get("XDG_CACHE_HOME"):
         return Path(base) / "graspmap"
     try:
@@ -259,4 +261,7 @@ def locked(folder: Path, what: str) -> Iterator[None]:
                 raise FolderInUseError(
                     folder, f"another {what} is running in it", "wait for it, or choose another"
                 ) from error
+            except OSError as error:
+                # Some network file systems know no locks. As without them on Windows, it goes on.
+                _LOG.warning("%s cannot be locked (%s): start no second run in it", folder, error)
         yield

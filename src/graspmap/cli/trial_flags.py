@@ -34,7 +34,8 @@ class TrialFlags:
     trial_depth: Annotated[str | None, option("NAME", "default: perfect or z")] = None
     """Which depth places the grasps, and rebuilds scenes that have no record."""
     camera: Annotated[Path | None, option("F", "default: that of the data")] = None
-    """Camera file for pictures that come without (JSON or YAML: fx, fy, cx, cy, width, height)."""
+    """Camera file (JSON or YAML: fx, fy, cx, cy, width, height) for pictures without a record,
+    instead of the camera that their data set has."""
     shake: bool = False
     """Shake the gripper after the lift: weak grips lose."""
     perturb: Annotated[str | None, option("MM,DEG[,FRICTION,MASS]", "default: none")] = None

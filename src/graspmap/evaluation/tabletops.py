@@ -45,7 +45,8 @@ def scene_world(scenes: Scenes, index: int, *, camera: Camera | None = None) -> 
     Args:
         scenes: With the depth that says where things are.
         index: Number of the scene.
-        camera: Intrinsics of pictures that come without.
+        camera: Intrinsics of pictures that come without a record, instead of what the data set
+            takes them for.
 
     Raises:
         InvalidInputError: It has no depth or no camera, its depth shows no table or no object, or
@@ -58,7 +59,11 @@ def scene_world(scenes: Scenes, index: int, *, camera: Camera | None = None) -> 
         raise InvalidInputError("depth", "missing", "scenes with depth in metres: it says where")
     if record is not None:
         return _recorded(record, scene, scene.depth)
-    camera = scene.camera or camera
+    pose = scene.T_world_camera
+    if camera is None:
+        camera = scene.camera
+    elif camera != scene.camera:
+        pose = None  # it is that of the other camera; the table says where this one is
     if camera is None:
         raise InvalidInputError(
             "camera", "missing", "scenes whose camera is known, or a camera file (--camera)"
@@ -71,7 +76,7 @@ def scene_world(scenes: Scenes, index: int, *, camera: Camera | None = None) -> 
         )
     # Jacquard shows one object a picture; elsewhere parts that do not touch are objects.
     bodies: Bodies = "one" if scenes.kind == "jacquard" else "components"
-    rebuilt = rebuild_tabletop(scene.depth, scene.mask, camera, scene.T_world_camera, bodies=bodies)
+    rebuilt = rebuild_tabletop(scene.depth, scene.mask, camera, pose, bodies=bodies)
     return SceneWorld(rebuilt.tabletop, scene.depth, camera, rebuilt.T_world_camera)
 
 

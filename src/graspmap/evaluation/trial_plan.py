@@ -36,7 +36,7 @@ class TrialPlan:
             say.
         perturbation: How unsure pose, friction and mass are.
         repeats: Perturbed repeats of each trial.
-        camera: Intrinsics of pictures that come without.
+        camera: Intrinsics of pictures that come without a record, see `scene_world`.
         seed: Of the perturbation and of the interval.
 
     Raises:

@@ -9,7 +9,7 @@ import itertools
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal, get_args
 
 from graspmap.errors import InvalidInputError, UnknownNameError
@@ -23,7 +23,8 @@ LONGEST_M = 0.5
 class Gripper:
     """A parallel-jaw gripper that comes down with open fingers and closes them.
 
-    Two gripper profiles with the same numbers are equal; they are hashable, so they can be keys.
+    Profiles with the same name and numbers are equal, whatever their description; they are
+    hashable, so they can be keys.
 
     Args:
         name: Name of the profile: letters, digits, '-', '_' and '.'.
@@ -67,7 +68,7 @@ class Gripper:
     table_clearance_m: float
     on_touch: OnTouch
     touch_gap_m: float
-    description: str = ""
+    description: str = field(default="", compare=False, repr=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not re.fullmatch(r"[A-Za-z0-9._-]+", self.name):

@@ -163,6 +163,8 @@ class Attempt:
         free_s = data.qpos[parts.finger_q[0]] / self._gripper.closing_speed_m_s
         checks = round((free_s + settings.close_extra_s) / settings.check_s)
         still = 0
+        # Of slow fingers a part of their speed, or they would never seem to move.
+        stall_m_s = min(settings.stall_speed_m_s, 0.1 * self._gripper.closing_speed_m_s)
         self.pace(calm=True)
         for _ in range(checks):
             self.advance("close")
@@ -171,7 +173,7 @@ class Attempt:
                 if not self.recent[-1].any():
                     return self._closed_on_nothing()
                 break
-            stopped = (np.abs(data.qvel[parts.finger_v]) < settings.stall_speed_m_s).all()
+            stopped = (np.abs(data.qvel[parts.finger_v]) < stall_m_s).all()
             still = still + 1 if stopped else 0
             if still >= settings.stall_checks:
                 break

@@ -47,7 +47,7 @@ def call(
     Raises:
         ChildError: The child died, said that it cannot, or was killed since its time ran out.
     """
-    command = program or (sys.executable, "-m", __name__)
+    command = program or (sys.executable, "-P", "-m", __name__)
     with tempfile.TemporaryDirectory(prefix="graspmap-") as folder:
         given, result = Path(folder) / "in.npz", Path(folder) / "out.npz"
         np.savez(given, **arrays)  # type: ignore[arg-type]  # the stubs see allow_pickle in **

@@ -32,6 +32,7 @@ _MARGIN = 6  # free cells round the mesh
 _SEALS = (0.0, 1.0, 2.0, 3.0)  # cells by which the surface is thickened to close gaps
 _CLOSED_SHARE = 0.1  # of the cells of the surface: what it must enclose to count as closed
 _SMALL_HOLE = 0.2  # longest side of a hole that is simply filled
+_ASKED = 8  # points of a shell that say whether it lies in another
 _MOST_SAMPLES = 6_000_000  # a mesh with more, in half cells, is no surface of anything
 _SPECK = 1e-3  # of the whole volume: smaller bodies beside it are dirt
 _WALL = 1.2  # half the thickness of what an open surface becomes, cells
@@ -202,12 +203,49 @@ def _turned(vertices: Floats, faces: Faces) -> Faces | None:
     """The faces of a closed surface, looking outwards; None where it is not closed."""
     if open_edges(vertices, faces):
         return None
+    if mass_properties(vertices, faces).volume_m3 < 0:
+        faces = np.ascontiguousarray(faces[:, ::-1])
+    faces = _bodies_outwards(vertices, faces)
     volume = mass_properties(vertices, faces).volume_m3
-    if volume < 0:
-        faces, volume = np.ascontiguousarray(faces[:, ::-1]), -volume
     # Shells that run into each other count twice, but nothing can be larger than its hull.
     sound = 0 < volume <= 1.5 * hull_volume(vertices) and _manifold(vertices, faces) is not None
     return faces if sound else None
+
+
+def _bodies_outwards(vertices: Floats, faces: Faces) -> Faces:
+    """With every shell that looks inwards turned, unless it is the wall of a hollow in another."""
+    label = shells(vertices, faces)
+    inwards = _shares(vertices, faces, label) < 0
+    if not inwards.any():
+        return faces
+    corners = vertices[faces[~inwards[label]]]
+    wrong = [
+        shell
+        for shell in np.flatnonzero(inwards)
+        if not _enclosed(vertices[np.unique(faces[label == shell])[:_ASKED]], corners)
+    ]
+    return np.where(np.isin(label, wrong)[:, None], faces[:, ::-1], faces)
+
+
+def _enclosed(points: Floats, corners: Floats) -> bool:
+    """Whether all points lie inside closed surfaces: the solid angle of these is a whole sphere.
+
+    Args:
+        points: (P, 3) points.
+        corners: (F, 3, 3) corners of the triangles, counter-clockwise seen from outside.
+
+    References:
+        A. van Oosterom, J. Strackee: The solid angle of a plane triangle, 1983.
+    """
+    for point in points:
+        a, b, c = np.moveaxis(corners - point, 1, 0)
+        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+        ab, bc, ca = ((u * v).sum(axis=1) for u, v in ((a, b), (b, c), (c, a)))
+        volume = (a * np.cross(b, c)).sum(axis=1)
+        angle = 2 * np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb).sum()
+        if angle < 2 * np.pi:
+            return False
+    return True
 
 
 def _filled(vertices: Floats, faces: Faces) -> tuple[Floats, Faces] | None:

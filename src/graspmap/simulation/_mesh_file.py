@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -84,12 +84,16 @@ def read_mesh_file(path: Path) -> RawMesh:
     faces = np.concatenate([np.asarray(m.faces) + s for m, s in zip(meshes, starts, strict=False)])
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise FileFormatError(path, "has triangles with vertices that do not exist", _EXPORT)
-    wrong = ~np.isfinite(vertices[np.unique(faces)]).all(axis=1)
+    used = np.unique(faces)
+    wrong = ~np.isfinite(vertices[used]).all(axis=1)
     if wrong.any():
         raise FileFormatError(
             path, f"{int(wrong.sum())} of {len(wrong)} vertices are NaN or infinite", _EXPORT
         )
     texture, remarks = _texture(meshes)
+    if len(used) < len(vertices):  # points that no triangle uses are no part of the surface
+        vertices, faces = vertices[used], np.searchsorted(used, faces)
+        texture = None if texture is None else replace(texture, uv=texture.uv[used])
     return RawMesh(vertices, faces.astype(np.int32), texture, unit, remarks)
 
 

@@ -105,11 +105,15 @@ class World:
     def set_jaw(self, size_m: float) -> None:
         """Size of the finger plates across the opening."""
         assert self.gripper is not None
+        model = self.model
         for geom in self.gripper.geoms:
-            self.model.geom_size[geom, 1] = size_m / 2
-            half = self.model.geom_size[geom]
-            self.model.geom_rbound[geom] = np.linalg.norm(half)
-            self.model.geom_aabb[geom, 3:] = half
+            model.geom_size[geom, 1] = size_m / 2
+            half = model.geom_size[geom]
+            model.geom_rbound[geom] = np.linalg.norm(half)
+            model.geom_aabb[geom, 3:] = half
+            # The box by which MuJoCo finds the pieces of an object near the finger, whose only
+            # geometry this is.
+            model.bvh_aabb[model.body_bvhadr[model.geom_bodyid[geom]], 3:] = half
 
     def scale_friction(self, factor: float) -> None:
         """Make the finger pads rougher by a factor, against sliding and against twisting."""

@@ -197,8 +197,8 @@ def risen(rises: Floats, residual_m: float) -> Mask:
 def _tops(rises: Floats, mask: Mask) -> tuple[Floats, float]:
     """(H, W) heights of the objects' pixels, 0 elsewhere, and the part of them that was filled.
 
-    A pixel of the mask without depth, or with the table's (the rim of a stereo picture), gets the
-    height of the nearest pixel that has one.
+    A pixel of the mask without depth gets the height of the nearest pixel that rises; one with the
+    table's depth is table.
     """
     with np.errstate(invalid="ignore"):
         known = mask & (rises > LOWEST_M)

@@ -72,9 +72,10 @@ class ObjectRanges:
     def for_gripper(cls, gripper: Gripper) -> ObjectRanges:
         """Objects for a gripper: most can be held somewhere, some are too wide.
 
-        The longest sides run from a fifth of its greatest opening (at most 5 cm, at least 2.5 cm)
-        to 1.25 times it, or three times it where that is below 25 cm: a small gripper holds long
-        things by their handles. The heaviest object is what friction carries four times over.
+        The longest sides run from a fifth of its greatest opening (at most 5 cm, at least 2.5 cm,
+        and what a gripper that does not close needs for widths above its least opening) to 1.25
+        times it, or three times it where that is below 25 cm: a small gripper holds long things by
+        their handles. The heaviest object is what friction carries four times over.
 
         Raises:
             InvalidInputError: It opens so little that no such objects exist.
@@ -84,11 +85,12 @@ class ObjectRanges:
         carried = 2 * gripper.friction * gripper.force_n / 9.81
         heaviest = min(max(carried / 4, 0.02), cls.mass_kg[1])
         thinnest = max(cls.width_m[0], 1.2 * gripper.min_opening_m)
-        if not (math.isfinite(opening) and 2 * thinnest <= 1.1 * opening and 2 * thinnest <= least):
+        least = max(least, 2 * thinnest)
+        if not (math.isfinite(opening) and 2 * thinnest <= 1.1 * opening):
             raise InvalidInputError(
                 f"opening of gripper {gripper.name}",
                 f"{gripper.min_opening_m} to {opening} m",
-                "one that holds objects between 5 mm and its greatest opening",
+                "a greatest one of 1 cm or more, and of 2.2 times the least one or more",
             )
         return cls(
             longest_m=(least, max(1.25 * opening, min(3 * opening, 0.25))),
