@@ -276,13 +276,27 @@ def test_another_plan_or_a_second_run_is_refused(made, monkeypatch):
     changed = replace(PLAN, seed=4, gripper=replace(GRIPPER, force_n=20))
     with pytest.raises(FileError, match=r"seed: 3 -> 4; gripper\.force_n: 50\.0 -> 20\.0"):
         generate(changed, made, workers=0)
-    with monkeypatch.context() as patch:
-        patch.setattr(run_module, "versions", lambda: {"graspmap": "0"})
-        with pytest.raises(FileError, match=r"versions\.graspmap: \S+ -> 0;"):
-            generate(PLAN, made, workers=0)
     with locked(made, "generation"), pytest.raises(FileError, match="another generation"):
         generate(PLAN, made, workers=0)
     assert snapshot(made) == before
+
+
+def test_what_is_whole_stays_whole_after_an_upgrade(tmp_path, made, monkeypatch):
+    """Nothing is to be made, so nothing is mixed; else versions are refused as any other plan."""
+    before = snapshot(made)
+    monkeypatch.setattr(run_module, "versions", lambda: {"graspmap": "0"})
+    told = replace(PLAN, gripper=replace(GRIPPER, description="the same, in other words"))
+    generate(told, made, workers=0)
+    assert snapshot(made) == before
+    more = replace(PLAN, scenes=PLAN.scenes + 2)
+    with pytest.raises(FileError, match=r"versions\.graspmap: \S+ -> 0;"):
+        generate(more, made, workers=0)
+    assert snapshot(made) == before
+    copy = tmp_path / "copy"
+    shutil.copytree(made, copy)
+    next(copy.glob("*/*_RGB.png")).unlink()
+    with pytest.raises(FileError, match=r"versions\.graspmap"):
+        generate(PLAN, copy, workers=0)
 
 
 def test_a_folder_with_other_things_is_left_as_it_is(tmp_path):

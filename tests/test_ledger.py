@@ -15,7 +15,9 @@ PLAN = {"scenes": 6, "seed": 1, "gripper": {"name": "a", "force_n": 50.0}, "mesh
 
 def ledger(root, plan=PLAN):
     root.mkdir(exist_ok=True)
-    return Ledger(root, plan, lambda item: min(2, plan["scenes"] - 2 * item))
+    return Ledger(
+        root, plan, -(-plan["scenes"] // 2), lambda item: min(2, plan["scenes"] - 2 * item)
+    )
 
 
 def item(root, number, *, content=b"picture", name="mug", rejects=None):
@@ -168,7 +170,7 @@ def test_strange_folders_and_damaged_ledgers_are_refused(tmp_path):
     ):
         (tmp_path / name).write_text(text)
         with pytest.raises(FileError) as caught:
-            Ledger(tmp_path, {"scenes": 1}, lambda _: 1)
+            Ledger(tmp_path, {"scenes": 1}, 1, lambda _: 1)
         assert isinstance(caught.value, FileFormatError) or "another plan" in str(caught.value)
         (tmp_path / name).unlink()
 

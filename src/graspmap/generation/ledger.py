@@ -47,6 +47,7 @@ class Ledger:
         root: Folder of the data set; it must be new, empty, or made with the same plan (with fewer
             scenes at most).
         plan: The plan's plain values.
+        items: Number of items that there are to be.
         views_of: Gives the number of scenes that an item is to have.
         progress: Called with (done, total) while finished scenes are compared with their hashes.
 
@@ -64,6 +65,7 @@ class Ledger:
         self,
         root: Path,
         plan: Mapping[str, Any],
+        items: int,
         views_of: Callable[[int], int],
         progress: Progress | None = None,
     ) -> None:
@@ -71,9 +73,11 @@ class Ledger:
         self.items: dict[int, ItemEntry] = {}
         self.meshes: dict[str, MeshEntry] = {}
         self._redo: dict[int, ItemEntry] = {}
-        self._read()
+        other_versions = self._read()
         self._clean()
         self._verify(progress)
+        if other_versions and len(self.items) < items:
+            self._refuse(other_versions)  # scenes of two kinds would lie in one data set
         lines: list[dict[str, Any]] = [{"format": _FORMAT, "plan": self.plan}]
         lines += [{"mesh": asdict(entry)} for entry in self.meshes.values()]
         lines += [{"redo": asdict(entry)} for entry in self._redo.values()]
@@ -148,22 +152,28 @@ class Ledger:
             self._journal.flush()
             os.fsync(self._journal.fileno())
 
-    def _read(self) -> None:
-        """Take over what an earlier run left."""
+    def _read(self) -> list[str]:
+        """Take over what an earlier run left.
+
+        Returns:
+            Which versions were others, where a whole data set was made with them.
+        """
         if (self.root / UNFINISHED).exists():
             plan, entries = _read_journal(self.root / UNFINISHED)
         elif (self.root / MANIFEST).exists():
             plan, entries = _read_manifest(self.root / MANIFEST)
         else:
             check_folder(self.root)
-            return
+            return []
         found = differences(plan, self.plan)
+        found = [text for text in found if not text.startswith("gripper.description:")]
         if plan.get("scenes", 0) <= self.plan["scenes"]:
             found = [text for text in found if not text.startswith("scenes:")]
-        if found:
-            raise FileError(
-                self.root, f"was made with another plan ({'; '.join(found[:5])})", _ANEW
-            )
+        versions = [text for text in found if text.startswith("versions.")]
+        if len(found) > len(versions) or (self.root / UNFINISHED).exists():
+            self._refuse(found)
+        # What is whole stays what it is.
+        self.plan |= {key: plan[key] for key in ("versions", "gripper") if key in plan}
         for redo, entry in entries:
             if isinstance(entry, MeshEntry):
                 self.meshes[entry.file] = entry
@@ -171,6 +181,14 @@ class Ledger:
                 self._redo[entry.item] = entry
             else:
                 self.items[entry.item] = entry
+        return versions
+
+    def _refuse(self, found: list[str]) -> None:
+        """Complain of what is different, if anything is."""
+        if found:
+            raise FileError(
+                self.root, f"was made with another plan ({'; '.join(found[:5])})", _ANEW
+            )
 
     def _clean(self) -> None:
         """Remove what a killed run left half done."""

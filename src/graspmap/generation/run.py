@@ -83,7 +83,7 @@ def generate(
     check_folder(root)  # before the lock, which is a file in it
     with locked(root, "generation"):
         with progress("comparing finished scenes") as update:
-            ledger = Ledger(root, values, plan.views_of, update)
+            ledger = Ledger(root, values, plan.items, plan.views_of, update)
         try:
             meshes = _prepare(ledger, plan, files, workers, progress)
             _make(ledger, plan, meshes, workers, progress)
