@@ -134,3 +134,18 @@ def test_objects_are_named_after_files_or_folders(tmp_path):
     }
     assert set(names("x/a/m.obj", "y/a/m.obj", "x/b/m.obj").values()) == {"x-a-m", "y-a-m", "x-b-m"}
     assert set(names("a b.obj", "a-b.obj").values()) == {"a-b-1", "a-b-2"}
+    (long,) = names(f"{'x' * 200}.obj").values()
+    assert long == "x" * 100
+
+
+def test_an_object_in_several_files_is_one(tmp_path, caplog):
+    """As YCB has them, and as programs leave them behind; else training would see test objects."""
+    same = {"ycb/a/textured.obj": "a", "ycb/a/nontextured.stl": "b", "ycb/a/nontextured.ply": "c"}
+    same |= {"cup.STL": "d", "cup.ply": "e", "plate.ply": "f", "copies/dish.ply": "f"}
+    for name, content in same.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(content)
+    found = find_meshes(tmp_path)
+    assert [mesh.name for mesh in found] == ["copies/dish.ply", "cup.ply", "ycb/a/textured.obj"]
+    assert "4 of 7 mesh files" in caplog.text
+    assert "plate.ply" in caplog.text

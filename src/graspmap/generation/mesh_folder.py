@@ -6,13 +6,14 @@ convex parts, its mass), so the data set can be used without the meshes.
 
 from __future__ import annotations
 
+import logging
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from graspmap.errors import DatasetNotFoundError, FileError, GraspmapError, GraspmapWarning
 from graspmap.files import file_hash
@@ -20,6 +21,11 @@ from graspmap.generation.entries import MODELS, MeshEntry
 from graspmap.generation.model_file import write_model
 from graspmap.generation.plan import GenerationPlan
 from graspmap.simulation.meshes import MESH_SUFFIXES, load_object
+
+_RICHEST_FIRST = (".glb", ".gltf", ".obj", ".ply", ".off", ".stl")
+_TOLD = 5
+_LONGEST = 100
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -41,7 +47,11 @@ class MeshFile:
 
 
 def find_meshes(folder: Path, *, remedy: str = "name a folder of meshes") -> list[MeshFile]:
-    """The mesh files of a folder and of its subfolders, sorted by name.
+    """The mesh files of a folder and of its subfolders, one for each object, sorted by name.
+
+    One object in several formats side by side (``cup.obj``, ``cup.stl``; YCB's ``textured.obj``,
+    ``nontextured.ply``) or twice with the same content is taken once, with a warning: else it would
+    be several objects, of which training sees one and the test another.
 
     Args:
         folder: The folder.
@@ -60,9 +70,36 @@ def find_meshes(folder: Path, *, remedy: str = "name a folder of meshes") -> lis
     }
     if not paths:
         raise DatasetNotFoundError(folder, _nothing(folder), remedy)
-    names = sorted(paths)
+    hashes = {name: _hash(path) for name, path in paths.items()}
+    names = _objects(sorted(paths), hashes)
+    if len(names) < len(paths):
+        left_out = sorted({*paths} - {*names})
+        _LOG.warning(
+            "%d of %d mesh files in %s show an object that another file shows, too; left out: %s",
+            len(left_out), len(paths), folder,
+            ", ".join(left_out[:_TOLD]) + (", ..." if len(left_out) > _TOLD else ""),
+        )  # fmt: skip
     ids = _ids(names)
-    return [MeshFile(paths[n], n, ids[n], _hash(paths[n])) for n in names]
+    return [MeshFile(paths[n], n, ids[n], hashes[n]) for n in names]
+
+
+def _objects(names: list[str], hashes: Mapping[str, str]) -> list[str]:
+    """One name for each object, of the format that tells most; the first of equal contents."""
+    best: dict[str, str] = {}
+    for name in sorted(names, key=_poverty):
+        path = PurePosixPath(name.lower())
+        stem = path.stem.replace("nontextured", "textured")
+        best.setdefault((path.parent / stem).as_posix(), name)
+    seen: dict[str, str] = {}
+    return sorted(
+        name for name in best.values() if seen.setdefault(hashes[name] or name, name) == name
+    )
+
+
+def _poverty(name: str) -> tuple[bool, int, str]:
+    """What is taken last of several files of one object: what has no texture."""
+    path = PurePosixPath(name.lower())
+    return "nontextured" in path.stem, _RICHEST_FIRST.index(path.suffix), name
 
 
 def _nothing(folder: Path) -> str:
@@ -137,4 +174,5 @@ def _ids(names: list[str]) -> dict[str, str]:
 
 
 def _slug(text: str) -> str:
-    return re.sub(r"[^A-Za-z0-9_.-]+", "-", text).strip("-.") or "object"
+    # Names of files are at most 255 bytes long, and more is added to this one.
+    return re.sub(r"[^A-Za-z0-9_.-]+", "-", text)[:_LONGEST].strip("-.") or "object"
