@@ -124,6 +124,12 @@ def test_scenes_of_the_training_are_refused(generated, tmp_path, caplog):
     whole = trained.model_copy(update={"validation_source": "jacquard:elsewhere"})
     with pytest.raises(InvalidInputError, match="jacquard:elsewhere"):
         check_not_trained_on(whole, scenes, split, "validation")
+    # A copy of them elsewhere is known by its content.
+    moved = DataCard(
+        source="jacquard:/elsewhere", split_hash=split.hash, data_hash=data_hash(scenes)
+    )
+    with pytest.raises(InvalidInputError, match="all scenes"):
+        check_not_trained_on(moved, scenes, None, "")
     for nothing in (None, DataCard(source=f"jacquard:{tmp_path}", split_hash=split.hash)):
         check_not_trained_on(nothing, scenes, None, "")
 
@@ -172,6 +178,21 @@ def test_from_trials_to_a_card_that_says_it_all(capsys, generated, tmp_path):
     ):
         assert words in out
     assert json.loads((tmp_path / "show.json").read_text())["hash"] == weights_hash(network, card)
+
+    # Nor are the trials of one detector left beside the rectangles of another.
+    other = ("evaluate", "--data", data, "--weights", raw, "--out", tmp_path / "report")
+    code, _, err = run(capsys, *other)
+    assert code == 2
+    assert "holds trials of another detector" in err
+    assert json.loads((tmp_path / "report" / "evaluation.json").read_text()) == summary
+    code, _, err = run(capsys, *other[:-2], "--jaw", "banana")
+    assert code == 2
+    assert "only with --trials" in err
+    code, _, err = run(
+        capsys, "weights", "calibrate", raw, "--data", data, "--out", calibrated,
+        "--json", calibrated.with_suffix(".json"),
+    )  # fmt: skip
+    assert code == 2
 
     # What was measured of the quality as it was is not said of the calibrated one.
     code, _, err = run(

@@ -138,18 +138,23 @@ def measure(flags: Evaluate, command: str) -> dict[str, Any]:
         trial_plan(flags)  # a wrong one is told before any work
     from graspmap.data import KINDS
     from graspmap.data.fingerprint import data_hash
+    from graspmap.evaluation.run_folder import check_trials_are_of
 
     chosen = select(flags)
+    detector = _detector(flags, chosen)
+    if flags.out is not None and not flags.trials:
+        check_trials_are_of(flags.out, detector)
     predictions = None if flags.predictions is None else _predictions(flags.predictions)
     result = _measure(flags, chosen, predictions)
     tell_rectangles(flags, result)
     sections: dict[str, Any] = {
-        "detector": _detector(flags, chosen),
+        "detector": detector,
         "data_hash": data_hash(chosen.everything),
         "command": command,
         "seed": flags.seed,
-        "depth": chosen.depth or KINDS[chosen.everything.kind].depths[0],
     }
+    if chosen.detector is not None:  # what another program saw is not known
+        sections["depth"] = chosen.depth or KINDS[chosen.everything.kind].depths[0]
     tried = None
     if flags.trials:
         tried = try_in_physics(flags, chosen, chosen.detector or predictions or {})
@@ -179,6 +184,7 @@ def _check(flags: Evaluate) -> None:
             raise InvalidInputError(name, "given", "only with --weights")
     flags.trial.check()
     unused = [name for name in _TRIAL_FLAGS if getattr(flags.trial, name)]
+    unused += ["jaw"] if flags.trial.jaw != TrialFlags.jaw else []
     if unused and not flags.trials:
         flag = "--" + unused[0].replace("_", "-")
         raise InvalidInputError(flag, "given", "only with --trials")

@@ -36,7 +36,6 @@ def write_found(path: Path, grasps: Mapping[str, Grasps], scenes: Scenes) -> Non
 
     try:
         found = in_file_frame(grasps, scenes)
-    except InvalidInputError as error:  # the format knows square pictures only
+        write_predictions(path, found, size_px=JACQUARD_SIDE_PX)
+    except InvalidInputError as error:  # the format knows square pictures and names without blanks
         _LOG.warning("%s is not written: %s", path, error)
-        return
-    write_predictions(path, found, size_px=JACQUARD_SIDE_PX)

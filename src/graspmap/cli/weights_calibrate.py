@@ -74,7 +74,9 @@ def calibrate_weights(flags: Calibrate) -> CalibrationCard:
     at_least(1, top=flags.top)
     flags.trial.check()
     output_file(flags.out, "--out", (".safetensors",), keep=[flags.weights])
-    output_file(flags.json, "--json", keep=[flags.weights, flags.out])
+    output_file(
+        flags.json, "--json", keep=[flags.weights, flags.out, flags.out.with_suffix(".json")]
+    )
     from graspmap.evaluation.cards import calibrate as fit
     from graspmap.evaluation.cards import check_not_trained_on
     from graspmap.inference import Detector, save_weights

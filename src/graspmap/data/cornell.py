@@ -248,7 +248,8 @@ def _find(root: Path) -> dict[str, CornellFiles]:
 def _names(root: Path) -> Iterator[tuple[Path, str, frozenset[str]]]:
     """Folder, scene name and the folder's files, for each colour picture below ``root``."""
     for folder, subfolders, names in os.walk(root, followlinks=True):
-        subfolders.sort()
+        # Hidden folders hold what was thrown away, or copies.
+        subfolders[:] = sorted(name for name in subfolders if not name.startswith("."))
         siblings = frozenset(names)
         for name in sorted(names):
             if match := _NAME.fullmatch(name):

@@ -59,7 +59,9 @@ def check_not_trained_on(
         return
     if trained.test_source is not None and _same(trained.test_source, scenes):
         _LOG.warning("%s are its test scenes: fit on validation, test on others", scenes.root)
-    if not _same(trained.source, scenes):
+    # A copy of the data elsewhere is the same data.
+    copied = trained.data_hash is not None and trained.data_hash == data_hash(scenes)
+    if not (copied or _same(trained.source, scenes)):
         return
     allowed = "scenes that it did not learn from: on the others its quality is too good"
     if trained.validation_source is not None:

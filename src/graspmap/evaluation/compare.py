@@ -289,6 +289,10 @@ _TRIED_ALIKE: Mapping[str, Callable[[RunFolder], str | None]] = {
 
 
 def _data(run: RunFolder) -> str:
+    """What was measured on; by its content where that is known, for data lie at many places."""
+    known = run.summary.get("data_hash")
+    if known:
+        return str(known)
     kind, _, folder = run.data.partition(":")
     return f"{kind}:{Path(folder).expanduser().resolve()}"
 

@@ -100,6 +100,31 @@ def read_run_folder(folder: Path | str) -> RunFolder:
     )
 
 
+def check_trials_are_of(folder: Path, detector: Mapping[str, Any]) -> None:
+    """Refuse to measure a detector into a folder that keeps another one's trials.
+
+    They would be taken for trials of this one.
+
+    Args:
+        folder: Where ``evaluation.json`` is to be written, and no trials.
+        detector: What is measured, as ``evaluation.json`` says it.
+
+    Raises:
+        FileFormatError: The folder has trials, and was evaluated with another detector; or what
+            it holds is damaged.
+    """
+    before = folder / results.SUMMARY_FILE
+    if not (folder / trial_results.SUMMARY_FILE).is_file() or not before.is_file():
+        return
+    known = _read_json(before).get("detector")
+    if known != dict(detector):
+        raise FileFormatError(
+            folder / trial_results.SUMMARY_FILE,
+            "holds trials of another detector",
+            "choose another folder with --out, or try the grasps of this one, too: --trials",
+        )
+
+
 def _read_json(path: Path) -> dict[str, Any]:
     try:
         value = json.loads(read_text(path))

@@ -246,6 +246,8 @@ class Detector:
             InvalidInputError: As in `detect`.
         """
         shape = self._check(rgb, depth, mask, camera)
+        if depth is not None and self.card.channels == "rgb" and not (depth > 0).any():
+            depth = None  # nothing was measured, and nobody looks at it
         if depth is not None:
             depth = check_depth_m(depth, "the picture")
         view, size = self.card.view, self.card.size

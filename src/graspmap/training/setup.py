@@ -64,6 +64,7 @@ FREE_KEYS = frozenset(
 
 _logger = logging.getLogger(__name__)
 _ANEW = "choose another folder, or delete this one to train anew"
+_ABSENT = "not there"
 
 
 @dataclass(frozen=True)
@@ -184,14 +185,16 @@ def claim_folder(folder: Folder, experiment: Experiment) -> None:
         raise FileFormatError(begun[0], "is here, but no experiment.yaml that it comes from", _ANEW)
     if begun:
         before, now = read_experiment(folder.experiment).flat(), experiment.flat()
-        changed = [k for k in now if now[k] != before.get(k) and k not in FREE_KEYS]
+        # Also keys of one of them alone: a task, or a test on other data.
+        keys = [k for k in dict.fromkeys([*now, *before]) if k not in FREE_KEYS]
+        changed = [k for k in keys if now.get(k, _ABSENT) != before.get(k, _ABSENT)]
         if changed:
             key = changed[0]
             more = f" (and {len(changed) - 1} more)" if len(changed) > 1 else ""
             raise FileFormatError(
                 folder.experiment,
-                f"another experiment was begun in this folder: {key} was {before.get(key)!r} "
-                f"and is now {now[key]!r}{more}",
+                f"another experiment was begun in this folder: {key} was "
+                f"{before.get(key, _ABSENT)!r} and is now {now.get(key, _ABSENT)!r}{more}",
                 _ANEW,
             )
     with storage_errors(folder.checkpoints):
