@@ -10,10 +10,13 @@ import pytest
 import torch
 
 from graspmap.data import Scene, fill_depth, open_store, read_scenes, write_jacquard
+from graspmap.data.images import TABLE_UNIT_M
+from graspmap.data.table import find_table
 from graspmap.evaluation import evaluate_tasks
 from graspmap.geometry import Grasps
 from graspmap.inference import Detector
 from graspmap.inference.weights import DataCard, WeightsCard
+from graspmap.losses import Targets
 from graspmap.networks import TaskSpec, make_network
 from graspmap.networks.tasks import Outputs
 from graspmap.training.data import collate
@@ -143,6 +146,24 @@ def test_errors_come_out_in_metres_and_probabilities(things, monkeypatch):
     assert found.depth.rmse_m == pytest.approx(0.03, abs=1e-6)
     assert found.saliency.mae == pytest.approx(0.25, abs=1e-6)  # sigmoid of log 3 is 3/4
     assert found.category.accuracy == 0
+
+
+@pytest.mark.parametrize("off_m", [0.0, 0.02])
+def test_depth_above_the_table_comes_out_in_metres(things, monkeypatch, off_m):
+    """By its own way here: depth less that of the table, in units of 5 cm."""
+    answers = truth(things)
+    for index, scene in enumerate(things):
+        table = find_table(scene.depth).depth_m(scene.depth.shape)
+        answers["depth"][index] = (fill_depth(scene.depth) - table + off_m) / 0.05
+    detector = answering(monkeypatch, answers)
+    detector.card = detector.card.model_copy(update={"depth_zero": "table"})
+    assert evaluate_tasks(detector, things).depth.mae_m == pytest.approx(off_m, abs=1e-5)
+    scores = TaskScores(("depth",), depth_unit_m=TABLE_UNIT_M)
+    said = torch.zeros(1, 1, SIDE, SIDE)
+    known = torch.ones_like(said, dtype=torch.bool)
+    apart = Targets(None, depth=said + off_m / 0.05, depth_known=known)
+    scores.add({"depth": said}, apart)
+    assert scores.means()["depth_mae"] == pytest.approx(off_m, abs=1e-6)
 
 
 def test_pictures_of_other_sizes_are_compared_as_the_network_sees_them(tmp_path):

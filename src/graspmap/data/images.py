@@ -26,12 +26,15 @@ Channels = Literal["depth", "rgb", "rgbd"]
 DepthZero = Literal["mean", "table"]
 """What depth is measured from: its mean over the input, or the table, see `to_input`."""
 
+TABLE_UNIT_M = 0.05
+"""What a network calls 1 of depth above the table: without normalisation it learns from numbers of
+about 1."""
+
 Floats = NDArray[np.float64]
 Depth = NDArray[np.float32]
 Image = TypeVar("Image", bound=NDArray[Any])
 
 _COUNT: dict[str, int] = {"depth": 1, "rgb": 3, "rgbd": 4}
-_TABLE_UNIT_M = 0.05  # a network without normalisation learns from numbers of about 1
 _MOST_RISE = 4.0
 _MOST_HOLES = 40_000  # pixels filled at full resolution: about 10 ms
 
@@ -241,7 +244,7 @@ def to_input(
         if depth_zero == "table":
             table = find_table(metres_seen) if table is None else table
             risen = warp_depth(metres_seen - table.depth_m(metres_seen.shape), m, shape)
-            np.clip(risen / _TABLE_UNIT_M, -_MOST_RISE, _MOST_RISE, out=result[0])
+            np.clip(risen / TABLE_UNIT_M, -_MOST_RISE, _MOST_RISE, out=result[0])
         elif depth_zero == "mean":
             normalise_depth(warp_depth(metres_seen, m, shape), result[0])
         else:

@@ -15,8 +15,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from graspmap.data.images import warp, warp_depth
+from graspmap.data.images import TABLE_UNIT_M, DepthZero, warp, warp_depth
 from graspmap.data.scene import Scene, Scenes
+from graspmap.data.table import find_table
 from graspmap.inference.detector import Detector, Prepared
 from graspmap.metrics.confusion import ClassScore, score_classes
 from graspmap.metrics.depth_error import DepthErrors, DepthScore, depth_errors, score_depth
@@ -127,7 +128,7 @@ def _look(detector: Detector, scene: Scene, names: set[str], group: Hashable) ->
     return _Looked(
         group,
         _saliency(said["saliency"], scene, prepared) if "saliency" in names else None,
-        _depth(said["depth"], prepared) if "depth" in names else None,
+        _depth(said["depth"], prepared, detector.card.depth_zero) if "depth" in names else None,
         int(said["category"][0].argmax()) if "category" in names else None,
         scene.labels,
     )
@@ -140,15 +141,20 @@ def _saliency(logits: Tensor, scene: Scene, prepared: Prepared) -> SaliencyMarks
     return saliency_marks(_picture(logits.float().sigmoid()), mask, prepared.allowed)
 
 
-def _depth(said: Tensor, prepared: Prepared) -> DepthErrors | None:
+def _depth(said: Tensor, prepared: Prepared, depth_zero: DepthZero) -> DepthErrors | None:
     depth_m = prepared.depth_m
     if depth_m is None:
         return None
     shape = prepared.allowed.shape
     true_m = warp_depth(depth_m.astype(np.float32, copy=False), prepared.matrix, shape)
     measured = warp(np.isfinite(depth_m), prepared.matrix, shape, fill=False)
-    mean_m = float(true_m.mean(dtype=np.float64))
-    return depth_errors(_picture(said) + mean_m, true_m, prepared.allowed & measured)
+    found = _picture(said)
+    if depth_zero == "table":
+        table_m = find_table(depth_m).depth_m(depth_m.shape)
+        said_m = warp_depth(table_m, prepared.matrix, shape) + TABLE_UNIT_M * found
+    else:
+        said_m = found + float(true_m.mean(dtype=np.float64))
+    return depth_errors(said_m, true_m, prepared.allowed & measured)
 
 
 def _picture(said: Tensor) -> NDArray[np.float64]:

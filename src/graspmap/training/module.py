@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from graspmap.data import Store
+from graspmap.data.images import TABLE_UNIT_M
 from graspmap.errors import GraspmapError
 from graspmap.geometry import Grasps
 from graspmap.losses import UncertaintyWeighting
@@ -134,7 +135,8 @@ class GraspModule(lightning.LightningModule):
         """Begin counting."""
         self.overlaps = {}
         self._held_out = torch.zeros(len(self._names) + 1, dtype=torch.float64, device=self.device)
-        self._scores = TaskScores(self._tasks, self.device)
+        unit_m = TABLE_UNIT_M if self._experiment.data.depth_zero == "table" else 1.0
+        self._scores = TaskScores(self._tasks, self.device, depth_unit_m=unit_m)
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         """Loss and overlap of the best grasp with the labels, scene by scene."""

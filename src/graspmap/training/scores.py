@@ -24,9 +24,17 @@ class TaskScores:
     Args:
         tasks: Names; those without a metric are left out.
         device: Where the sums are kept.
+        depth_unit_m: Metres that 1 of the depth task stands for.
     """
 
-    def __init__(self, tasks: Sequence[str], device: torch.device | str = "cpu") -> None:
+    def __init__(
+        self,
+        tasks: Sequence[str],
+        device: torch.device | str = "cpu",
+        *,
+        depth_unit_m: float = 1.0,
+    ) -> None:
+        self._unit = {"depth": depth_unit_m}
         self._tasks = tuple(name for name in tasks if name in METRICS)
         self._sums = torch.zeros(len(self._tasks), 2, dtype=torch.float64, device=device)
 
@@ -43,7 +51,7 @@ class TaskScores:
     def means(self) -> dict[str, float]:
         """Metrics by name; NaN where no picture counted."""
         return {
-            METRICS[task]: total / count if count else math.nan
+            METRICS[task]: self._unit.get(task, 1.0) * total / count if count else math.nan
             for task, (total, count) in zip(self._tasks, self._sums.tolist(), strict=True)
         }
 
