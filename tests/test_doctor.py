@@ -125,6 +125,14 @@ def test_a_stray_file_is_named(jacquard):
     assert sum("belongs to no scene" in p.text for p in report.problems) == 4
 
 
+def test_what_macos_leaves_beside_each_file_is_no_stray(jacquard):
+    for path in list(jacquard.rglob("*_*.*")):
+        path.with_name(f"._{path.name}").write_bytes(b"Mac OS X")
+    (jacquard / ".Trash").mkdir()
+    (jacquard / ".Trash" / "0_gone_mask.png").write_bytes(b"")
+    assert examine(jacquard).problems == []
+
+
 def test_labels_outside_and_doubled_are_counted(jacquard):
     path = file_of(jacquard, "_grasps.txt")
     lines = path.read_text().splitlines()

@@ -6,6 +6,7 @@ All label files are read; of the pictures at most `MOST_PICTURES` scenes, evenly
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -178,7 +179,9 @@ class _Look:
         used = {path for i in range(len(scenes)) for path in _all_files(scenes, i)}
         patterns = _PATTERNS[report.kind]
         for path in sorted(p for pattern in patterns for p in report.root.rglob(pattern)):
-            if path not in used and path.is_file():
+            # macOS keeps a hidden file beside each; hidden folders hold what is nobody's scene.
+            hidden = any(part.startswith(".") for part in path.relative_to(report.root).parts)
+            if path not in used and path.is_file() and not hidden:
                 report.complain(path, "belongs to no scene: its colour picture is missing")
         for part, count in sorted(self.parts.items()):
             if part in _EXPECTED and len(scenes) / 2 <= count < len(scenes):
@@ -360,11 +363,10 @@ def _part(name: str) -> str:
 
 def _all_files(scenes: Scenes, index: int) -> tuple[Path, ...]:
     """All files of a scene, also those that the reader leaves alone."""
-    if isinstance(scenes, JacquardScenes):
+    if isinstance(scenes, JacquardScenes | CornellScenes):
         paths = scenes.paths(index)
-        some = (paths.rgb, paths.mask, paths.perfect_depth, paths.stereo_depth, paths.grasps,
-                paths.camera)  # fmt: skip
-        return tuple(path for path in some if path is not None)
+        found = (getattr(paths, field.name) for field in fields(paths))
+        return tuple(path for path in found if path is not None)
     return scenes.files(index)
 
 
