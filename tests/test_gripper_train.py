@@ -252,7 +252,7 @@ def test_mistakes_are_told_before_any_work(capsys, tmp_path, change, part):
 
 @pytest.mark.parametrize(
     ("opening", "part"),
-    [("0.008", "holds objects between 5 mm"), ("0.011", "or show less of the table")],
+    [("0.008", "a greatest one of 1 cm or more"), ("0.011", "or show less of the table")],
 )
 def test_a_gripper_that_does_not_suit(capsys, tmp_path, opening, part):
     slit = tmp_path / "slit.yaml"

@@ -129,7 +129,8 @@ def read_depth(path: Path) -> Depth:
     try:
         return metres(image)
     except InvalidInputError as error:
-        raise FileFormatError(path, f"depth is {error.found}", error.allowed) from error
+        remedy = "divide it by 1000: floating-point depth is in metres"
+        raise FileFormatError(path, f"depth is {error.found}", remedy) from error
 
 
 def metres(depth: NDArray[Any]) -> Depth:
