@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -39,9 +39,6 @@ if TYPE_CHECKING:
     from graspmap.evaluation import Evaluation
     from graspmap.geometry import Grasps
     from graspmap.metrics import RectangleProtocol
-
-# What other flags say how grasps are tried.
-_TRIAL_FLAGS = ("gripper", "trial_depth", "camera", "shake", "perturb", "repeats", "workers")
 
 
 @dataclass(frozen=True)
@@ -183,8 +180,7 @@ def _check(flags: Evaluate) -> None:
         if given and flags.weights is None:
             raise InvalidInputError(name, "given", "only with --weights")
     flags.trial.check()
-    unused = [name for name in _TRIAL_FLAGS if getattr(flags.trial, name)]
-    unused += ["jaw"] if flags.trial.jaw != TrialFlags.jaw else []
+    unused = [f.name for f in fields(flags.trial) if getattr(flags.trial, f.name) != f.default]
     if unused and not flags.trials:
         flag = "--" + unused[0].replace("_", "-")
         raise InvalidInputError(flag, "given", "only with --trials")

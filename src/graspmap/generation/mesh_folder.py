@@ -22,7 +22,6 @@ from graspmap.generation.model_file import write_model
 from graspmap.generation.plan import GenerationPlan
 from graspmap.simulation.meshes import MESH_SUFFIXES, load_object
 
-_RICHEST_FIRST = (".glb", ".gltf", ".obj", ".ply", ".off", ".stl")
 _TOLD = 5
 _LONGEST = 100
 _LOG = logging.getLogger(__name__)
@@ -71,7 +70,7 @@ def find_meshes(folder: Path, *, remedy: str = "name a folder of meshes") -> lis
     if not paths:
         raise DatasetNotFoundError(folder, _nothing(folder), remedy)
     hashes = {name: _hash(path) for name, path in paths.items()}
-    names = _objects(sorted(paths), hashes)
+    names = _objects(hashes)
     if len(names) < len(paths):
         left_out = sorted({*paths} - {*names})
         _LOG.warning(
@@ -83,13 +82,11 @@ def find_meshes(folder: Path, *, remedy: str = "name a folder of meshes") -> lis
     return [MeshFile(paths[n], n, ids[n], hashes[n]) for n in names]
 
 
-def _objects(names: list[str], hashes: Mapping[str, str]) -> list[str]:
+def _objects(hashes: Mapping[str, str]) -> list[str]:
     """One name for each object, of the format that tells most; the first of equal contents."""
     best: dict[str, str] = {}
-    for name in sorted(names, key=_poverty):
-        path = PurePosixPath(name.lower())
-        stem = path.stem.replace("nontextured", "textured")
-        best.setdefault((path.parent / stem).as_posix(), name)
+    for name in sorted(hashes, key=_poverty):
+        best.setdefault(name.rpartition(".")[0].replace("nontextured", "textured"), name)
     seen: dict[str, str] = {}
     return sorted(
         name for name in best.values() if seen.setdefault(hashes[name] or name, name) == name
@@ -98,8 +95,8 @@ def _objects(names: list[str], hashes: Mapping[str, str]) -> list[str]:
 
 def _poverty(name: str) -> tuple[bool, int, str]:
     """What is taken last of several files of one object: what has no texture."""
-    path = PurePosixPath(name.lower())
-    return "nontextured" in path.stem, _RICHEST_FIRST.index(path.suffix), name
+    suffix = PurePosixPath(name).suffix.lower()
+    return "nontextured" in name, MESH_SUFFIXES.index(suffix), name
 
 
 def _nothing(folder: Path) -> str:

@@ -18,11 +18,7 @@ import torch
 from numpy.typing import NDArray
 
 from graspmap.data.images import check_depth_m, to_input, warp
-from graspmap.data.windows import (
-    close_up_m,
-    input_window,
-    shown_table,
-)
+from graspmap.data.windows import close_up_m, input_window, shown_table
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.geometry.camera import Camera
 from graspmap.geometry.grasps import Grasps

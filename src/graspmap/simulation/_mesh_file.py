@@ -20,8 +20,8 @@ from graspmap.simulation.objects import Texture
 Floats = NDArray[np.float64]
 Faces = NDArray[np.int32]
 
-MESH_SUFFIXES = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf")
-"""Endings of the files that can be read."""
+MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".off", ".stl")
+"""Endings of the files that can be read, those first that say most of an object."""
 
 _LARGEST_BYTES = 2_000_000_000
 _TEXTURE_PX = 1024  # an object covers a few hundred pixels of a picture
