@@ -90,7 +90,7 @@ def measure(
     """
     todo = labelled_grasps(scenes, top=labels, seed=seed)
     shares: list[list[Floats]] = []
-    objects: list[str] = []
+    objects: dict[str, str] = {}
     for half in range(2):
         plan = TrialPlan(
             top=None,
@@ -107,6 +107,6 @@ def measure(
         for grasp in tried:
             result = None if grasp.placed is None else grasp.placed.result.success_probability
             by_scene[grasp.scene].append(0.0 if result is None else result)
+            objects[grasp.scene] = grasp.object_id or grasp.scene
         shares.append([np.array(held) for held in by_scene.values()])
-        objects = [next(g.object_id or g.scene for g in tried if g.scene == s) for s in by_scene]
-    return shares[0], shares[1], objects
+    return shares[0], shares[1], list(objects.values())

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import logging
 import math
-import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -247,10 +246,8 @@ def _find(root: Path) -> dict[str, CornellFiles]:
 
 def _names(root: Path) -> Iterator[tuple[Path, str, frozenset[str]]]:
     """Folder, scene name and the folder's files, for each colour picture below ``root``."""
-    for folder, subfolders, names in os.walk(root, followlinks=True):
-        # Hidden folders hold what was thrown away, or copies.
-        subfolders[:] = sorted(name for name in subfolders if not name.startswith("."))
+    for folder, names in files.visible_files(root):
         siblings = frozenset(names)
-        for name in sorted(names):
+        for name in names:
             if match := _NAME.fullmatch(name):
-                yield Path(folder), match[1], siblings
+                yield folder, match[1], siblings

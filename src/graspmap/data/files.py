@@ -9,6 +9,7 @@ Letters in shapes: H rows, W columns.
 from __future__ import annotations
 
 import math
+import os
 import struct
 import threading
 import zlib
@@ -32,6 +33,17 @@ _REPLACE = "replace it with a good copy"
 # they are the rule they are millimetres.
 FARTHEST_M = 100.0
 _NO_DEPTH = 65535  # of 16 bits, as some drivers mark what is out of range
+
+
+def visible_files(root: Path) -> Iterator[tuple[Path, list[str]]]:
+    """Each folder below ``root``, and ``root``, with the names of its files, in order.
+
+    Hidden ones are left out: scratch (`graspmap generate` keeps unfinished scenes there), what was
+    thrown away, and what macOS keeps beside each file.
+    """
+    for folder, subfolders, names in os.walk(root, followlinks=True):
+        subfolders[:] = sorted(name for name in subfolders if not name.startswith("."))
+        yield Path(folder), sorted(name for name in names if not name.startswith("."))
 
 
 def read_image(path: Path) -> NDArray[Any]:

@@ -26,7 +26,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import re
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -388,13 +387,11 @@ def _find(root: Path) -> dict[str, JacquardFiles]:
 
 def _names(root: Path) -> Iterator[tuple[Path, str, frozenset[str]]]:
     """Folder, scene name and the folder's files, for each colour picture below ``root``."""
-    for folder, subfolders, names in os.walk(root, followlinks=True):
-        # Hidden folders are somebody's scratch: `graspmap generate` keeps unfinished scenes there.
-        subfolders[:] = sorted(name for name in subfolders if not name.startswith("."))
+    for folder, names in files.visible_files(root):
         siblings = frozenset(names)
-        for name in sorted(names):
-            if name.endswith(SUFFIXES["rgb"]) and not name.startswith("."):
-                yield Path(folder), name.removesuffix(SUFFIXES["rgb"]), siblings
+        for name in names:
+            if name.endswith(SUFFIXES["rgb"]):
+                yield folder, name.removesuffix(SUFFIXES["rgb"]), siblings
 
 
 def _object(name: str) -> str:

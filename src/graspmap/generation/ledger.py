@@ -169,10 +169,11 @@ class Ledger:
         found = [text for text in found if not text.startswith("gripper.description:")]
         if plan.get("scenes", 0) <= self.plan["scenes"]:
             found = [text for text in found if not text.startswith("scenes:")]
-        versions = [text for text in found if text.startswith("versions.")]
-        if len(found) > len(versions) or (self.root / UNFINISHED).exists():
+        whole = not (self.root / UNFINISHED).exists()
+        versions = [text for text in found if whole and text.startswith("versions.")]
+        if len(found) > len(versions):
             self._refuse(found)
-        # What is whole stays what it is.
+        # What is there stays what it is.
         self.plan |= {key: plan[key] for key in ("versions", "gripper") if key in plan}
         for redo, entry in entries:
             if isinstance(entry, MeshEntry):
@@ -184,11 +185,7 @@ class Ledger:
         return versions
 
     def _refuse(self, found: list[str]) -> None:
-        """Complain of what is different, if anything is."""
-        if found:
-            raise FileError(
-                self.root, f"was made with another plan ({'; '.join(found[:5])})", _ANEW
-            )
+        raise FileError(self.root, f"was made with another plan ({'; '.join(found[:5])})", _ANEW)
 
     def _clean(self) -> None:
         """Remove what a killed run left half done."""
