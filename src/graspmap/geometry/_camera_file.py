@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graspmap.errors import FileFormatError, GraspmapWarning, InvalidInputError
 from graspmap.files import read_text
@@ -28,7 +27,7 @@ def intrinsics(values: Mapping[str, Any]) -> dict[str, Any]:
     """
     found: dict[str, Any] = {}
     key = next((k for k in _MATRIX_KEYS if k in values), None)
-    bent = next((k for k in _DISTORTION_KEYS if _is_bent(values.get(k))), None)
+    bent = next((k for k in _DISTORTION_KEYS if k in values and any(_flat(values[k]) or ())), None)
     if key is not None and "fx" not in values:
         rectified = None if bent is None else _rectified(values)
         found.update(rectified or _from_matrix(key, values[key]))
@@ -55,41 +54,33 @@ def intrinsics(values: Mapping[str, Any]) -> dict[str, Any]:
         )
     if bent is not None:
         _warn(
-            f"{bent} is {_flat(values[bent]).tolist()}: graspmap's camera has no lens distortion; "
+            f"{bent} is {_flat(values[bent])}: graspmap's camera has no lens distortion; "
             "rectify the pictures first or accept the error near their edges"
         )
     return found
 
 
-def _flat(value: Any) -> NDArray[np.float64]:
-    """The numbers of a list, of rows, of an array, or of a mapping with ``data``.
-
-    Raises:
-        TypeError, ValueError: They are none.
-    """
-    return np.asarray(value["data"] if isinstance(value, Mapping) else value, np.float64).ravel()
+def _flat(value: Any) -> list[float] | None:
+    """The numbers of a list, of rows, of an array, or of a mapping with ``data``; else None."""
+    try:
+        rows = value["data"] if isinstance(value, Mapping) else value
+        found: list[float] = np.asarray(rows, np.float64).ravel().tolist()
+    except (TypeError, ValueError, OverflowError, KeyError):
+        return None
+    return found
 
 
 def _from_matrix(key: str, value: Any) -> dict[str, float]:
     """Focal lengths and principal point from nine numbers, row by row, or three rows of three."""
-    try:
-        numbers = _flat(value).tolist()
-    except (TypeError, ValueError, OverflowError, KeyError) as error:
-        raise InvalidInputError(key, f"{value!r:.80}", "nine numbers, row by row") from error
+    numbers = _flat(value)
+    if numbers is None:
+        raise InvalidInputError(key, f"{value!r:.80}", "nine numbers, row by row")
     if len(numbers) != 9:
         raise InvalidInputError(f"length of {key}", len(numbers), "nine numbers, row by row")
     fx, skew, cx, zero, fy, cy, *last = numbers
     if (skew, zero, *last) != (0.0, 0.0, 0.0, 0.0, 1.0):
         raise InvalidInputError(key, numbers, "fx 0 cx / 0 fy cy / 0 0 1, row by row, no skew")
     return {"fx": fx, "fy": fy, "cx": cx, "cy": cy}
-
-
-def _is_bent(terms: Any) -> bool:
-    """Whether the terms of a lens distortion say that there is some."""
-    try:
-        return terms is not None and bool(_flat(terms).any())
-    except (TypeError, ValueError, OverflowError, KeyError):
-        return False
 
 
 def _rectified(values: Mapping[str, Any]) -> dict[str, float] | None:
@@ -99,11 +90,8 @@ def _rectified(values: Mapping[str, Any]) -> dict[str, float] | None:
     not say, as before a calibration.
     """
     key = next((k for k in _PROJECTION_KEYS if k in values), None)
-    try:
-        numbers = _flat(values[key]).tolist() if key is not None else []
-    except (TypeError, ValueError, OverflowError, KeyError):
-        return None
-    if len(numbers) != 12 or not numbers[0] > 0 or not numbers[5] > 0:
+    numbers = None if key is None else _flat(values[key])
+    if numbers is None or len(numbers) != 12 or not numbers[0] > 0 or not numbers[5] > 0:
         return None
     _warn(
         f"the camera_info has lens distortion: its {key} is taken, the camera of the rectified "

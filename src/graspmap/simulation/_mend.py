@@ -203,8 +203,6 @@ def _turned(vertices: Floats, faces: Faces) -> Faces | None:
     """The faces of a closed surface, looking outwards; None where it is not closed."""
     if open_edges(vertices, faces):
         return None
-    if mass_properties(vertices, faces).volume_m3 < 0:
-        faces = np.ascontiguousarray(faces[:, ::-1])
     faces = _bodies_outwards(vertices, faces)
     volume = mass_properties(vertices, faces).volume_m3
     # Shells that run into each other count twice, but nothing can be larger than its hull.
@@ -215,7 +213,10 @@ def _turned(vertices: Floats, faces: Faces) -> Faces | None:
 def _bodies_outwards(vertices: Floats, faces: Faces) -> Faces:
     """With every shell that looks inwards turned, unless it is the wall of a hollow in another."""
     label = shells(vertices, faces)
-    inwards = _shares(vertices, faces, label) < 0
+    shares = _shares(vertices, faces, label)
+    if shares.sum() < 0:
+        faces, shares = np.ascontiguousarray(faces[:, ::-1]), -shares
+    inwards = shares < 0
     if not inwards.any():
         return faces
     corners = vertices[faces[~inwards[label]]]
