@@ -184,6 +184,9 @@ def test_from_trials_to_a_card_that_says_it_all(capsys, generated, tmp_path):
     code, _, err = run(capsys, *other)
     assert code == 2
     assert "holds trials of another detector" in err
+    code, _, err = run(capsys, "trial", *other[1:])
+    assert code == 2
+    assert "holds the evaluation of another detector" in err
     assert json.loads((tmp_path / "report" / "evaluation.json").read_text()) == summary
     code, _, err = run(capsys, *other[:-2], "--jaw", "banana")
     assert code == 2

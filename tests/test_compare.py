@@ -84,6 +84,7 @@ def test_pairs_are_of_the_scenes_that_both_have(tmp_path):
     p = scipy.stats.binomtest(int(only_a), int(only_a + only_b)).pvalue
     assert pair(found, "held").result.p_value == pytest.approx(p)
     assert pair(found, "held").p_adjusted == pair(found, "held").result.p_value
+    assert f"of different scenes: {SCENES} of a, 30 of b; all have 30" in found.notes[0]
 
 
 def test_the_same_evaluation_twice_does_not_differ(tmp_path):

@@ -31,7 +31,7 @@ from graspmap.cli.frame import (
 )
 from graspmap.cli.predictions_file import write_found
 from graspmap.cli.progress import progress
-from graspmap.cli.selection import Selection, select
+from graspmap.cli.selection import Selection, describe_measured, select
 from graspmap.cli.trial_flags import TrialFlags
 from graspmap.errors import InvalidInputError
 
@@ -135,12 +135,12 @@ def measure(flags: Evaluate, command: str) -> dict[str, Any]:
         trial_plan(flags)  # a wrong one is told before any work
     from graspmap.data import KINDS
     from graspmap.data.fingerprint import data_hash
-    from graspmap.evaluation.run_folder import check_trials_are_of
+    from graspmap.evaluation.run_folder import check_same_detector
 
     chosen = select(flags)
-    detector = _detector(flags, chosen)
+    detector = describe_measured(chosen.detector, flags.weights, flags.predictions)
     if flags.out is not None and not flags.trials:
-        check_trials_are_of(flags.out, detector)
+        check_same_detector(flags.out, detector, trials=False)
     predictions = None if flags.predictions is None else _predictions(flags.predictions)
     result = _measure(flags, chosen, predictions)
     tell_rectangles(flags, result)
@@ -233,13 +233,6 @@ def _protocols(flags: Evaluate, *, finished: bool) -> tuple[str, list[RectangleP
     others = [p for p in PROTOCOLS.values() if p.name != "strict"]
     quirks = [q for q in QUIRKS.values() if not (finished and q.needs_detector)]
     return "strict", [*others, *quirks]
-
-
-def _detector(flags: Evaluate, chosen: Selection) -> dict[str, Any]:
-    """What was measured."""
-    if chosen.detector is None:
-        return {"kind": "predictions", "file": str(flags.predictions)}
-    return {"kind": "weights", "file": str(flags.weights), **chosen.detector.describe()}
 
 
 def _write(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from graspmap.errors import FileError
 
@@ -90,6 +90,17 @@ def select(flags: SelectionFlags) -> Selection:
     chosen, part = _split(flags.split, weights, everything)
     scenes = everything if chosen is None else chosen.subset(everything, part)
     return Selection(everything, scenes, chosen, part, depth, detector)
+
+
+def describe_measured(
+    detector: Detector | None, weights: Path | None, predictions: Path | None
+) -> dict[str, Any]:
+    """What is measured, for JSON: weights, else a predictions file, else the labels."""
+    if detector is not None:
+        return {"kind": "weights", "file": str(weights), **detector.describe()}
+    if predictions is not None:
+        return {"kind": "predictions", "file": str(predictions)}
+    return {"kind": "labels"}
 
 
 def _split(flag: str | None, weights: Path | None, scenes: Scenes) -> tuple[Split | None, str]:

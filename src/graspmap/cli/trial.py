@@ -21,7 +21,7 @@ from graspmap.cli.frame import (
 )
 from graspmap.cli.predictions_file import write_found
 from graspmap.cli.progress import progress
-from graspmap.cli.selection import Selection, select
+from graspmap.cli.selection import Selection, describe_measured, select
 from graspmap.cli.trial_flags import TrialFlags, detect_to_try
 from graspmap.errors import InvalidInputError
 
@@ -97,7 +97,12 @@ def run(argv: Sequence[str]) -> int:
         seed=flags.seed,
         labels=flags.labels,
     )
+    from graspmap.evaluation.run_folder import check_same_detector
+
     chosen = select(flags)
+    if flags.out is not None:
+        tried = describe_measured(chosen.detector, flags.weights, flags.predictions)
+        check_same_detector(flags.out, tried, trials=True)
     todo = _grasps(flags, chosen, plan)
     from graspmap.evaluation import write_trials
 

@@ -238,6 +238,13 @@ def _notes(runs: Mapping[str, RunFolder]) -> tuple[str, ...]:
             f"The intervals of the overlap take different things as independent: {told}. "
             "The pairs take scenes."
         )
+    shared = set.intersection(*(set(run.scenes) for run in runs.values()))
+    if any(len(run.scenes) > len(shared) for run in runs.values()):
+        told = ", ".join(f"{len(run.scenes)} of {name}" for name, run in runs.items())
+        notes.append(
+            f"The reports are of different scenes: {told}; all have {len(shared)}. Figures of a "
+            "run count all of its own, the pairs what both have."
+        )
     for a, b in itertools.combinations(runs, 2):
         if runs[a].scenes == runs[b].scenes:
             notes.append(f"{a} and {b} have the same results in every scene: one detector twice?")

@@ -100,29 +100,36 @@ def read_run_folder(folder: Path | str) -> RunFolder:
     )
 
 
-def check_trials_are_of(folder: Path, detector: Mapping[str, Any]) -> None:
-    """Refuse to measure a detector into a folder that keeps another one's trials.
+def check_same_detector(folder: Path, detector: Mapping[str, Any], *, trials: bool) -> None:
+    """Refuse to measure a detector into a folder that keeps the other half of another one.
 
-    They would be taken for trials of this one.
+    Rectangles and trials in one folder are taken for those of one detector.
 
     Args:
-        folder: Where ``evaluation.json`` is to be written, and no trials.
+        folder: Where the results are to be written.
         detector: What is measured, as ``evaluation.json`` says it.
+        trials: Whether trials alone are to be written there; else an evaluation without them.
 
     Raises:
-        FileFormatError: The folder has trials, and was evaluated with another detector; or what
-            it holds is damaged.
+        FileFormatError: What stays in the folder is of another detector, or damaged.
     """
-    before = folder / results.SUMMARY_FILE
-    if not (folder / trial_results.SUMMARY_FILE).is_file() or not before.is_file():
+    evaluation, tried = folder / results.SUMMARY_FILE, folder / trial_results.SUMMARY_FILE
+    stays = evaluation if trials else tried
+    if not stays.is_file() or not evaluation.is_file():
         return
-    known = _read_json(before).get("detector")
-    if known != dict(detector):
-        raise FileFormatError(
-            folder / trial_results.SUMMARY_FILE,
-            "holds trials of another detector",
-            "choose another folder with --out, or try the grasps of this one, too: --trials",
-        )
+    known = _read_json(evaluation).get("detector")
+    if not _same(known, detector):
+        what = "the evaluation" if trials else "trials"
+        other = "evaluate this one, too" if trials else "try the grasps of this one, too: --trials"
+        remedy = f"choose another folder with --out, or {other}"
+        raise FileFormatError(stays, f"holds {what} of another detector", remedy)
+
+
+def _same(known: Any, detector: Mapping[str, Any]) -> bool:
+    """Whether two descriptions are of one detector: weights by their content, wherever they lie."""
+    if isinstance(known, dict) and known.get("hash") and detector.get("hash"):
+        return bool(known["hash"] == detector["hash"])
+    return bool(known == dict(detector))
 
 
 def _read_json(path: Path) -> dict[str, Any]:
