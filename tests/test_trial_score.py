@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 
 from graspmap.errors import InvalidInputError
 from graspmap.metrics.intervals import wilson_interval
-from graspmap.metrics.trial import first_scores, group_scores, score_trials
+from graspmap.metrics.trial import first_held, group_scores, score_trials
 
 OUTCOMES = ("held", "collided", "empty", "slipped", "dropped", "no_grasp")
 trials = st.lists(st.tuples(st.sampled_from(OUTCOMES), st.sampled_from("abc")), min_size=1)
@@ -65,10 +67,8 @@ def test_refuses_nothing_and_unequal_lists():
 
 @settings(max_examples=50)
 @given(st.lists(st.lists(st.sampled_from(OUTCOMES), min_size=1, max_size=4), min_size=1))
-def test_one_of_the_first_k(scenes):
+def test_the_first_that_held(scenes):
     rows = [(o, str(s), r) for s, list_ in enumerate(scenes) for r, o in enumerate(list_)]
-    scores = first_scores(*map(list, zip(*rows, strict=True)))
-    assert list(scores) == list(range(1, max(map(len, scenes)) + 1))
-    for k, score in scores.items():
-        assert score.trials == len(scenes)
-        assert score.held == sum("held" in list_[:k] for list_ in scenes)
+    first = first_held(*map(list, zip(*rows, strict=True)))
+    for number, list_ in enumerate(scenes):
+        assert first[str(number)] == (list_.index("held") if "held" in list_ else math.inf)

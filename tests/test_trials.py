@@ -358,6 +358,13 @@ def test_ranks_and_robust_success(generated):
     third = summary["one_of_first"]["3"]
     assert (third["trials"], third["held"], third["success"]) == (3, 2, 2 / 3)
     assert third["interval"] == pytest.approx(wilson_interval(2, 3))
+    # Pictures of one object alone say nothing of others, whatever the rank.
+    alone = tuple(replace(t, object_id="one") for t in result.tried)
+    alone = replace(result, tried=alone, cluster="object").to_dict()
+    for score in (*alone["per_rank"].values(), *alone["one_of_first"].values()):
+        all_or_none = score["success"] in (0.0, 1.0)
+        ends = wilson_interval(score["success"], 1) if all_or_none else (0.0, 1.0)
+        assert score["interval"] == pytest.approx(ends)
     shares = [t.placed.result.success_probability for t in result.tried if t.placed]
     assert summary["robust_success"] == pytest.approx(sum(shares) / result.score.trials)
     low, high = summary["robust_interval"]

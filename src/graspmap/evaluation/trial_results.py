@@ -17,8 +17,8 @@ from graspmap.evaluation.trial_plan import TrialPlan
 from graspmap.files import write_text
 from graspmap.geometry.grasps import Grasps
 from graspmap.geometry.table_grasps import TableGrasps
-from graspmap.metrics.intervals import bootstrap_means
-from graspmap.metrics.trial import TrialScore, first_scores, group_scores, score_trials
+from graspmap.metrics.intervals import bootstrap_means, share_interval
+from graspmap.metrics.trial import HELD, TrialScore, first_held
 from graspmap.simulation.outcomes import Outcome, TrialResult
 
 NO_GRASP = "no_grasp"
@@ -205,18 +205,36 @@ class TrialEvaluation:
         Args:
             tried: The grasps, at least one.
         """
-        score = score_trials(
-            [t.outcome for t in tried],
-            [t.object_id or t.scene for t in tried],
+        return self._score([t.outcome == HELD for t in tried], tried)
+
+    def _score(self, held: list[bool], tried: tuple[TriedGrasp, ...]) -> dict[str, Any]:
+        """Of which some held, for JSON; what hangs together is drawn together."""
+        interval = share_interval(
+            np.array(held),
             rng=np.random.default_rng(self.plan.seed),
             groups=clusters(tried, self.cluster),
             confidence=self.score.confidence,
         )
         return {
-            "trials": score.trials,
-            "held": score.held,
-            "success": score.success,
-            "interval": list(score.interval),
+            "trials": len(held),
+            "held": sum(held),
+            "success": sum(held) / len(held),
+            "interval": list(interval),
+        }
+
+    def _ranks(self) -> dict[str, Any]:
+        """Success by rank, and of a robot that tries again."""
+        best, ranks = self.best(), [t.rank for t in self.tried]
+        first = first_held([t.outcome for t in self.tried], [t.scene for t in self.tried], ranks)
+        return {
+            "per_rank": {
+                str(rank): self.score_of(tuple(t for t in self.tried if t.rank == rank))
+                for rank in sorted(set(ranks))
+            },
+            "one_of_first": {
+                str(k): self._score([first[t.scene] < k for t in best], best)
+                for k in range(1, max(ranks) + 2)
+            },
         }
 
     def to_dict(self, per_grasp: Path | str | None = None) -> dict[str, Any]:
@@ -247,11 +265,6 @@ class TrialEvaluation:
             "per_grasp": None if per_grasp is None else str(per_grasp),
         }
         if self.plan.ranked:
-            outcomes = [tried.outcome for tried in self.tried]
-            ranks = [tried.rank for tried in self.tried]
-            names = [tried.scene for tried in self.tried]
-            first = first_scores(outcomes, names, ranks)
-            per_rank = group_scores(outcomes, ranks)
             best = self.best()
             robust = self.robust(best)
             summary["best"] = {
@@ -259,8 +272,7 @@ class TrialEvaluation:
                 "robust_success": None if robust is None else robust[0],
                 "robust_interval": None if robust is None else list(robust[1]),
             }
-            summary["per_rank"] = {str(rank): s.to_dict() for rank, s in per_rank.items()}
-            summary["one_of_first"] = {str(k): s.to_dict() for k, s in first.items()}
+            summary |= self._ranks()
         return summary
 
     def entries(self) -> list[dict[str, Any]]:

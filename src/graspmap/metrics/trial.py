@@ -9,7 +9,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -18,12 +18,10 @@ from graspmap.metrics.intervals import Groups, share_interval, wilson_interval
 
 HELD = "held"
 
-Name = TypeVar("Name", str, int)
-
 
 @dataclass(frozen=True)
 class GroupScore:
-    """Trials of one object (or of one rank, or of any other group).
+    """Trials of one object.
 
     Attributes:
         trials: How many were tried.
@@ -118,8 +116,8 @@ def score_trials(
     )
 
 
-def group_scores(outcomes: Sequence[str], groups: Sequence[Name]) -> dict[Name, GroupScore]:
-    """Score of each group of trials, by its name (or number) in ascending order.
+def group_scores(outcomes: Sequence[str], groups: Sequence[str]) -> dict[str, GroupScore]:
+    """Score of each group of trials, by its name in ascending order.
 
     Args:
         outcomes: T outcomes.
@@ -130,10 +128,10 @@ def group_scores(outcomes: Sequence[str], groups: Sequence[Name]) -> dict[Name, 
     return {name: GroupScore(trials[name], held[name]) for name in sorted(trials)}
 
 
-def first_scores(
+def first_held(
     outcomes: Sequence[str], scenes: Sequence[str], ranks: Sequence[int]
-) -> dict[int, GroupScore]:
-    """Scenes in which one of the first k grasps held: what a robot reaches that tries again.
+) -> dict[str, float]:
+    """At which rank a robot succeeds that tries grasp after grasp, by scene.
 
     Args:
         outcomes: T outcomes.
@@ -141,14 +139,10 @@ def first_scores(
         ranks: T places of the grasps in their scenes, 0 for the best.
 
     Returns:
-        For each k from 1 to the longest list, how many scenes there are and in how many of them
-        one of the first k held.
+        The lowest rank of each scene that held; infinity where none did.
     """
     first = dict.fromkeys(scenes, math.inf)
     for scene, rank, outcome in zip(scenes, ranks, outcomes, strict=True):
         if outcome == HELD:
             first[scene] = min(first[scene], rank)
-    return {
-        k: GroupScore(len(first), sum(rank < k for rank in first.values()))
-        for k in range(1, max(ranks, default=-1) + 2)
-    }
+    return first

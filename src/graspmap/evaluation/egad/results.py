@@ -17,7 +17,7 @@ from graspmap.evaluation.egad.plan import EgadPlan
 from graspmap.evaluation.results import SUMMARY_FILE, as_csv
 from graspmap.files import write_text
 from graspmap.metrics.intervals import bootstrap_means, wilson_interval
-from graspmap.metrics.trial import HELD, TrialScore, group_scores, score_trials
+from graspmap.metrics.trial import HELD, TrialScore, score_trials
 
 PER_TRY_FILE = "per_try.csv"
 
@@ -193,13 +193,7 @@ class EgadEvaluation:
         if not self.plan.candidates:
             return None
         possible = [one.candidates_held > 0 for one in self.tries]
-        share, interval = self._mean(possible, [one.mesh for one in self.tries])
-        return {
-            "trials": len(possible),
-            "held": sum(possible),
-            "success": share,
-            "interval": interval,
-        }
+        return self._score(possible, [one.mesh for one in self.tries])
 
     def _grid(self) -> dict[str, Any] | None:
         held: dict[str, list[bool]] = {}
@@ -225,22 +219,26 @@ class EgadEvaluation:
 
     def _ranks(self) -> dict[str, Any]:
         """Success by rank, and of a robot that tries again."""
-        tried = [grasp for one in self.tries for grasp in one.tried]
-        outcomes, ranks = [grasp.outcome for grasp in tried], [grasp.rank for grasp in tried]
-        meshes = [one.mesh for one in self.tries]
-        first = {}
-        for k in range(1, max(ranks) + 2):
-            held = [any(g.outcome == HELD for g in one.tried[:k]) for one in self.tries]
-            share, interval = self._mean(held, meshes)
-            first[str(k)] = {
-                "trials": len(held),
-                "held": sum(held),
-                "success": share,
-                "interval": interval,
-            }
+        longest = max(len(one.tried) for one in self.tries)
+        by_rank = {
+            rank: [(one.mesh, one.tried[rank]) for one in self.tries if len(one.tried) > rank]
+            for rank in range(longest)
+        }
         return {
             "per_rank": {
-                str(rank): score.to_dict() for rank, score in group_scores(outcomes, ranks).items()
+                str(rank): self._score([g.outcome == HELD for _, g in found], [m for m, _ in found])
+                for rank, found in by_rank.items()
             },
-            "one_of_first": first,
+            "one_of_first": {
+                str(k): self._score(
+                    [any(g.outcome == HELD for g in one.tried[:k]) for one in self.tries],
+                    [one.mesh for one in self.tries],
+                )
+                for k in range(1, longest + 1)
+            },
         }
+
+    def _score(self, held: Sequence[bool], meshes: Sequence[str]) -> dict[str, Any]:
+        """Tries of which some held, with the interval by object."""
+        share, interval = self._mean(held, meshes)
+        return {"trials": len(held), "held": sum(held), "success": share, "interval": interval}
