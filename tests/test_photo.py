@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from graspmap import cli
 from graspmap.errors import GraspmapError, InvalidInputError, MissingExtraError
+from graspmap.generation import GenerationPlan, generate
+from graspmap.generation.scene_file import read_record
 from graspmap.geometry import Camera, RigidTransform
+from graspmap.gripper import load_gripper
 from graspmap.simulation.objects import ObjectModel, Texture
 from graspmap.simulation.render import View, jacquard_view, render
 from graspmap.simulation.render.appearance import (
@@ -61,6 +66,14 @@ def test_a_missing_package_names_the_extra(monkeypatch):
         photo(scene(), jacquard_view(16), look())
     assert caught.value.extra == "photo"
     assert isinstance(caught.value, GraspmapError | ImportError)
+
+
+def test_a_data_set_of_photos_is_refused_before_any_work(monkeypatch, tmp_path, capsys):
+    monkeypatch.setitem(sys.modules, "mitsuba", None)
+    words = ["generate", "--scenes", "1", "--photo", "4", "--out", str(tmp_path / "data")]
+    assert cli.main(words) == 2
+    assert "pip install 'graspmap[photo]'" in capsys.readouterr().err
+    assert not list((tmp_path / "data").iterdir())
 
 
 class TestPhoto:
@@ -118,6 +131,21 @@ class TestPhoto:
         assert np.array_equal(picture.depth, exact.depth)
         assert np.array_equal(picture.mask, exact.mask)
         assert picture.rgb[picture.mask].std() > 0
+
+    def test_a_data_set_of_photos_differs_in_nothing_but_colour(self, tmp_path):
+        small = {"scenes": 1, "views": 1, "size_px": 96, "candidates": 20, "seed": 4}
+        plain = GenerationPlan(gripper=load_gripper("jacquard"), **small)
+        for name, samples in (("plain", 0), ("photo", 4), ("again", 4)):
+            generate(replace(plain, photo_samples=samples), tmp_path / name, workers=0)
+        names = sorted(p.relative_to(tmp_path / "plain") for p in (tmp_path / "plain").rglob("*_*"))
+        assert len(names) == 8
+        for name in names:
+            files = [(tmp_path / kind / name).read_bytes() for kind in ("plain", "photo", "again")]
+            assert files[1] == files[2]
+            changes = name.name.endswith(("_RGB.png", "_scene.json"))  # that has the versions
+            assert (files[0] != files[1]) == changes
+        record = next((tmp_path / "photo").rglob("*_scene.json"))
+        assert "mitsuba" in read_record(record).versions
 
     def test_refuses(self):
         with pytest.raises(InvalidInputError, match="samples"):

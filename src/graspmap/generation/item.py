@@ -26,7 +26,10 @@ from graspmap.generation.plan import GenerationPlan
 from graspmap.generation.scene_file import RecordedObject, SceneRecord, versions, write_record
 from graspmap.generation.sources import Fingerprint
 from graspmap.simulation.render import (
+    Appearance,
     OutOfViewError,
+    Rendering,
+    View,
     check_in_view,
     render,
     sample_appearance,
@@ -34,7 +37,9 @@ from graspmap.simulation.render import (
     sample_view,
     stereo_depth,
 )
+from graspmap.simulation.render.photo import photo
 from graspmap.simulation.settle import UnsettledError, settle
+from graspmap.simulation.tabletop import Tabletop
 
 TRIES = 4
 """Falls of one object for one view, before the object is given up."""
@@ -156,7 +161,7 @@ def make_scene(
     where = sample_view(plan.randomisation, eye, plan.size_px)
     check_in_view(tabletop, where)
     appearance = sample_appearance(tabletop, plan.randomisation, look)
-    picture = render(tabletop, where, appearance)
+    picture = _picture(plan, tabletop, where, appearance, seed)
     labels = label_tabletop(
         tabletop,
         where,
@@ -201,9 +206,23 @@ def make_scene(
             settings=plan.settings,
             seed=seed,
             appearance=appearance,
-            versions=versions(),
+            versions=versions(photo=plan.photo_samples > 0),
         ),
     )
+
+
+def _picture(
+    plan: GenerationPlan,
+    tabletop: Tabletop,
+    view: View,
+    appearance: Appearance,
+    seed: tuple[int, ...],
+) -> Rendering:
+    """All channels, with the colours that the plan asks for."""
+    if not plan.photo_samples:
+        return render(tabletop, view, appearance)
+    paths = int(np.random.default_rng(seed).integers(2**32))
+    return photo(tabletop, view, appearance, samples=plan.photo_samples, seed=paths)
 
 
 def _write(made: GeneratedScene, staging: Path) -> SceneEntry:

@@ -40,6 +40,8 @@ class GenerationPlan:
         candidates: Trials of a scene, over all jaw sizes.
         antipodal_share: Part of the candidates that is antipodal, in [0, 1]; the others are random.
         randomisation: By how much pictures vary.
+        photo_samples: Paths through each pixel of colour pictures that are path traced (see
+            `graspmap.simulation.render.photo`); 0: they are ray cast. Nothing else changes.
         settings: Of the trials.
         families: Of procedural objects: names of `FAMILIES` or of their shapes; all where empty.
         ranges: Sizes and masses of procedural objects; those that suit the gripper where None.
@@ -61,6 +63,7 @@ class GenerationPlan:
     candidates: int = 1000
     antipodal_share: float = ANTIPODAL_SHARE
     randomisation: Randomisation = field(default_factory=Randomisation)
+    photo_samples: int = 0
     settings: TrialSettings = field(default_factory=TrialSettings)
     families: tuple[str, ...] = ()
     ranges: ObjectRanges | None = None
@@ -75,6 +78,7 @@ class GenerationPlan:
             "seed": (0, 2**32 - 1),
             "size_px": (48, 4096),
             "candidates": (1, _MOST),
+            "photo_samples": (0, _MOST),
         }
         for name, (low, high) in limits.items():
             value = getattr(self, name)
@@ -146,6 +150,8 @@ class GenerationPlan:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values; the folder of meshes is not among them, since it tells nothing of them."""
+        # A key of its own only where it changes something: other data stay what they are.
+        photo = {"photo_samples": self.photo_samples} if self.photo_samples else {}
         return {
             "scenes": self.scenes,
             "objects": PROCEDURAL if self.procedural else "meshes",
@@ -162,6 +168,7 @@ class GenerationPlan:
             "gripper": self.gripper.to_dict(),
             "settings": _plain(TrialSettings, self.settings),
             "randomisation": self.randomisation.model_dump(mode="json"),
+            **photo,
         }
 
 

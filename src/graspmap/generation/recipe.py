@@ -57,6 +57,7 @@ class RecipeFile(_Section):
         size_px: Side of the pictures.
         candidates: Grasps tried on each scene.
         antipodal_share: Part of them that is antipodal.
+        photo_samples: Paths through each pixel of colour pictures; 0: they are ray cast.
         parts: The parts by name, which is that of their folder.
         randomisation: By how much pictures vary; keys left out stay as in the default.
     """
@@ -65,6 +66,7 @@ class RecipeFile(_Section):
     size_px: int
     candidates: int
     antipodal_share: float = ANTIPODAL_SHARE
+    photo_samples: int = 0
     parts: dict[_Name, Part] = Field(min_length=1)
     randomisation: Randomisation = Randomisation()
 
@@ -147,6 +149,7 @@ def _plan(path: Path, recipe: RecipeFile, name: str, gripper: Gripper) -> Genera
             candidates=recipe.candidates,
             antipodal_share=recipe.antipodal_share,
             randomisation=recipe.randomisation,
+            photo_samples=recipe.photo_samples,
             families=part.families,
         )
     except (InvalidInputError, UnknownNameError) as error:

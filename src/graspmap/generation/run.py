@@ -21,6 +21,7 @@ from graspmap.generation.mesh_folder import MeshFile, find_meshes, prepare_mesh
 from graspmap.generation.plan import GenerationPlan
 from graspmap.generation.scene_file import versions
 from graspmap.generation.workers import Answer, WorkerDiedError, WorkerPool
+from graspmap.simulation.render.photo import check_photo
 
 ATTEMPTS = 5
 """Objects that an item may try before it is given up."""
@@ -69,16 +70,19 @@ def generate(
         FileError: The folder holds something else, was made with another plan, or another run is
             at work in it.
         StorageFullError: The disk is full; free some space and run again.
+        MissingExtraError: Photos are asked for without Mitsuba.
     """
     if workers < 0:
         raise InvalidInputError("workers", workers, "0 or more")
+    if plan.photo_samples:
+        check_photo()
     root = Path(root)
     progress = progress or _quietly
     files = [] if plan.procedural else find_meshes(Path(plan.objects), remedy=_NO_MESHES)
     values = {
         **plan.to_dict(),
         "meshes": {file.name: file.hash for file in files},
-        "versions": versions(),
+        "versions": versions(photo=plan.photo_samples > 0),
     }
     check_folder(root)  # before the lock, which is a file in it
     with locked(root, "generation"):

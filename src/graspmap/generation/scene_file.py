@@ -34,6 +34,7 @@ _REMEDY = "make the scene again, or copy the file again"
 _MADE_FROM = {"procedural": ("seed", "index"), "mesh": ("hash",)}
 """What tells objects apart, by the kind of their source."""
 _LIBRARIES = ("graspmap", "mujoco", "manifold3d", "numba", "numpy")
+_PHOTO_LIBRARIES = ("mitsuba", "drjit")
 _SETTINGS, _APPEARANCE = TypeAdapter(TrialSettings), TypeAdapter(Appearance)
 
 Rows = tuple[tuple[float, ...], ...]
@@ -110,9 +111,14 @@ class SceneRecord:
 
 
 @cache
-def versions() -> dict[str, str]:
-    """Versions of graspmap and of the libraries that a generated scene follows from."""
-    return {name: metadata.version(name) for name in _LIBRARIES}
+def versions(*, photo: bool = False) -> dict[str, str]:
+    """Versions of graspmap and of the libraries that a generated scene follows from.
+
+    Args:
+        photo: Whether its colours are path traced.
+    """
+    libraries = (*_LIBRARIES, *_PHOTO_LIBRARIES) if photo else _LIBRARIES
+    return {name: metadata.version(name) for name in libraries}
 
 
 def write_record(record: SceneRecord, folder: Path) -> Path:

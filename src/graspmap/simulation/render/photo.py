@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,16 @@ _SPECK = 2.5  # times the light around, beyond which a pixel is an error
 _DULL = 0.003  # reflectance below which a surface only scatters
 
 
+def check_photo() -> None:
+    """See that photos can be taken here; quick, for before long work.
+
+    Raises:
+        MissingExtraError: Mitsuba is not installed.
+    """
+    if find_spec("mitsuba") is None:
+        raise MissingExtraError("a photo by path tracing", "mitsuba", "photo")
+
+
 def photo(
     tabletop: Tabletop,
     view: View,
@@ -64,10 +75,9 @@ def photo(
         MissingExtraError: Mitsuba is not installed.
         InvalidInputError: As `render`; or the pixels are not square, or a number is not positive.
     """
-    try:
-        import mitsuba
-    except ImportError as error:
-        raise MissingExtraError("a photo by path tracing", "mitsuba", "photo") from error
+    check_photo()
+    import mitsuba
+
     if samples < 1:
         raise InvalidInputError("samples", samples, "1 or more paths for each pixel")
     if not math.isclose(view.camera.fx, view.camera.fy, rel_tol=1e-9):
