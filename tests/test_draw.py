@@ -30,12 +30,13 @@ def grasps(draw, most=6, shape=SHAPE):
     )
     x = st.one_of(st.floats(-10, columns + 10), st.integers(0, 2 * columns).map(lambda i: i / 2))
     y = st.one_of(st.floats(-10, rows + 10), st.integers(0, 2 * rows).map(lambda i: i / 2))
-    row = st.tuples(x, y, angle, sizes(0, 90), sizes(0, 40))
+    own = st.sampled_from([0.0, 0.2, 0.6, 1.0])
+    row = st.tuples(x, y, angle, sizes(0, 90), sizes(0, 40), own)
     table = np.array(draw(st.lists(row, min_size=count, max_size=count)))
-    return Grasps(table[:, :2], table[:, 2], table[:, 3], table[:, 4])
+    return Grasps(table[:, :2], table[:, 2], table[:, 3], table[:, 4], table[:, 5])
 
 
-def brute_force(labels, shape, bins, quality, drop_off, overlap, gaussian):
+def brute_force(labels, shape, bins, quality, drop_off, overlap, gaussian, peaks="one"):
     """Maps by testing every pixel against the four edges of every region, in float64.
 
     Returns the (4, bins, H, W) maps and a mask of the pixels that rounding may decide: those on
@@ -70,6 +71,7 @@ def brute_force(labels, shape, bins, quality, drop_off, overlap, gaussian):
             v = 2 * (dx * to_p3[0] + dy * to_p3[1]) / (to_p3 @ to_p3) - 1
         d = np.where(inside, u**2 + v**2, np.inf)
         g = np.where(inside, np.maximum(np.exp(-d / drop_off), LOW[quality]), 0)
+        g *= labels.quality[i] if peaks == "quality" else 1
         values = (np.cos(2 * labels.angle[i]), np.sin(2 * labels.angle[i]), labels.width[i])
         if overlap == "published":
             maps[0, b] = np.maximum(maps[0, b], g)
@@ -93,9 +95,10 @@ def brute_force(labels, shape, bins, quality, drop_off, overlap, gaussian):
     quality=st.sampled_from(["binary", "soft", "strong"]),
     drop_off=st.sampled_from([0.25, 1.0, 2.0]),
     overlap=st.sampled_from(["best", "published"]),
+    peaks=st.sampled_from(["one", "quality"]),
     width_scale=st.sampled_from([1.0, 150.0]),
 )
-def test_equals_brute_force(labels, bins, quality, drop_off, overlap, width_scale):
+def test_equals_brute_force(labels, bins, quality, drop_off, overlap, peaks, width_scale):
     drawn = draw_maps(
         labels,
         SHAPE,
@@ -103,9 +106,12 @@ def test_equals_brute_force(labels, bins, quality, drop_off, overlap, width_scal
         quality=quality,
         drop_off=drop_off,
         overlap=overlap,
+        peaks=peaks,
         width_scale=width_scale,
     )
-    expected, doubtful = brute_force(labels, SHAPE, bins, quality, drop_off, overlap, "grasp")
+    expected, doubtful = brute_force(
+        labels, SHAPE, bins, quality, drop_off, overlap, "grasp", peaks
+    )
     expected[3] /= width_scale
     for got, want in zip(drawn, expected, strict=True):
         assert got.dtype == np.float32
@@ -246,6 +252,13 @@ def test_far_outside_draws_nothing(center, width, height):
     assert not any(m.any() for m in drawn)
 
 
+def test_refuses_to_draw_a_quality_that_is_none():
+    labels = Grasps([[5, 5], [9, 9]], [0, 0], [6, 6], [3, 3], [1.0, 1.5])
+    assert draw_maps(labels, SHAPE).quality.max() == 1
+    with pytest.raises(InvalidInputError, match=r"quality to draw is 1\.5; allowed: from 0 to 1"):
+        draw_maps(labels, SHAPE, peaks="quality")
+
+
 def test_larger_than_the_image_covers_it():
     drawn = draw_maps(Grasps([[1e3, -1e3]], [0.7], [1e6], [1e6]), SHAPE)
     assert (drawn.quality == 1).all()
@@ -269,7 +282,7 @@ def test_refuses_bad_numbers(settings, word):
         draw_maps(Grasps.empty(), shape, **settings)
 
 
-@pytest.mark.parametrize("name", ["quality", "overlap", "gaussian", "background"])
+@pytest.mark.parametrize("name", ["quality", "overlap", "gaussian", "background", "peaks"])
 def test_refuses_unknown_choices(name):
     with pytest.raises(UnknownNameError) as caught:
         draw_maps(Grasps.empty(), SHAPE, **{name: "publishd"})

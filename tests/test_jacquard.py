@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 import shutil
+from collections import Counter
 
 import cv2
 import numpy as np
@@ -22,6 +23,7 @@ from graspmap.data.jacquard import (
     smallest_jaws,
     write_jacquard,
 )
+from graspmap.data.jacquard_labels import jaw_shares
 from graspmap.data.scene import Scene
 from graspmap.errors import (
     DatasetNotFoundError,
@@ -458,6 +460,34 @@ def test_smallest_jaws_against_a_dictionary(rows):
         small.center, np.reshape([(x * 10.1, y * 7.3) for x, y, _ in expected], (-1, 2))
     )
     assert smallest_jaws(small) == small
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 1), st.integers(0, 1), st.integers(1, 4)), unique=True),
+    st.data(),
+)
+def test_jaw_shares_against_a_dictionary(rows, data):
+    held = data.draw(st.lists(st.booleans(), min_size=len(rows), max_size=len(rows)))
+
+    def made(some):
+        return Grasps(
+            np.reshape([(x * 10.1, 7.3) for x, _, _ in some], (-1, 2)),
+            [0.3 * a for _, a, _ in some],
+            np.full(len(some), 20.0),
+            [float(jaw) for *_, jaw in some],
+        )
+
+    good = [row for row, h in zip(rows, held, strict=True) if h]
+    bad = [row for row, h in zip(rows, held, strict=True) if not h]
+    count = Counter(tuple(place) for *place, _ in good)
+    both = Counter(tuple(place) for *place, _ in rows)
+    for failed, most in (
+        (None, max(count.values(), default=1)),
+        (bad, max(both.values(), default=1)),
+    ):
+        shares = jaw_shares(made(good), None if failed is None else made(failed))
+        assert shares.replace(quality=np.ones(len(shares))) == smallest_jaws(made(good))
+        np.testing.assert_allclose(shares.quality, [n / most for n in count.values()])
 
 
 def test_smallest_jaws_after_a_turn():

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
         JacquardScenes,
         write_jacquard,
     )
-    from graspmap.data.jacquard_labels import smallest_jaws
+    from graspmap.data.jacquard_labels import jaw_shares, smallest_jaws
     from graspmap.data.jacquard_predictions import read_predictions, write_predictions
     from graspmap.data.kinds import KINDS, read_scenes
     from graspmap.data.limit import limit_objects
@@ -55,6 +55,7 @@ __all__ = [
     "example_scenes",
     "fill_depth",
     "input_window",
+    "jaw_shares",
     "limit_objects",
     "make_folds",
     "make_split",
@@ -88,6 +89,7 @@ _HOME = {
     "example_scenes": "examples",
     "fill_depth": "images",
     "input_window": "windows",
+    "jaw_shares": "jacquard_labels",
     "limit_objects": "limit",
     "make_folds": "split",
     "make_split": "split",

@@ -147,10 +147,10 @@ def paint_best(
     Args:
         regions: (K, 6) as in `row_spans`; of two equally near grasps the first one wins.
         bins: (K,) orientation bins.
-        values: (K, 3) cos 2a, sin 2a, width divided by the width scale.
+        values: (K, 4) greatest quality, cos 2a, sin 2a, width divided by the width scale.
         published: Measure in the box around the covered pixels instead of the grasp's frame.
-        maps: (4, N, H, W) out: quality (1 wherever there is a grasp), cos, sin, width; untouched
-            where there is none.
+        maps: (4, N, H, W) out: greatest quality, cos, sin, width; untouched where there is no
+            grasp.
         covered: (N H W,) out: in its first elements, indices in N H W of the pixels with a grasp.
         distance: (N H W,) out: u^2 + v^2 of the winner at each of these pixels.
 
@@ -178,10 +178,8 @@ def paint_best(
                 d = nearest[row, column]
                 if d < np.inf:
                     k = winner[row, column]
-                    maps[0, b, row, column] = 1.0
-                    maps[1, b, row, column] = values[k, 0]
-                    maps[2, b, row, column] = values[k, 1]
-                    maps[3, b, row, column] = values[k, 2]
+                    for m in range(4):
+                        maps[m, b, row, column] = values[k, m]
                     covered[found] = (b * rows + row) * columns + column
                     distance[found] = d
                     found += 1
@@ -189,10 +187,10 @@ def paint_best(
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
-def put(values: Singles, indices: Integers, target: Singles) -> None:
-    """Write (P,) values to (P,) indices of a flat map."""
-    for i in range(len(values)):
-        target[indices[i]] = values[i]
+def scale(factors: Singles, indices: Integers, target: Singles) -> None:
+    """Multiply a flat map by (P,) factors at (P,) indices."""
+    for i in range(len(factors)):
+        target[indices[i]] *= factors[i]
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
@@ -212,7 +210,7 @@ def paint_published(
         regions: (K, 6) as in `row_spans`.
         bins: (K,) orientation bins.
         angles: (K,) radians in [-pi/2, pi/2).
-        values: (K, 3) cos 2a, sin 2a, width divided by the width scale.
+        values: (K, 4) greatest quality, cos 2a, sin 2a, width divided by the width scale.
         published: Measure in the box around the covered pixels instead of the grasp's frame.
         drop_off: g of the Gaussian.
         low: Least quality inside a region: 1 binary, 0.9 soft, 0 strong.
@@ -229,13 +227,13 @@ def paint_published(
         frame = _frame(regions[k], published, _box(first, last, start, stop))
         for row in range(first, last):
             for column in range(start[row], stop[row]):
-                q = 1.0
+                q = values[k, 0]
                 if low < 1.0:
-                    q = max(math.exp(-_distance(frame, row, column) / drop_off), low)
+                    q *= max(math.exp(-_distance(frame, row, column) / drop_off), low)
                 other = least[b, row, column]
                 if other == 0 or angles[k] < angles[other - 1]:
                     least[b, row, column] = k + 1
-                    maps[1, b, row, column] = values[k, 0]
-                    maps[2, b, row, column] = values[k, 1]
+                    maps[1, b, row, column] = values[k, 1]
+                    maps[2, b, row, column] = values[k, 2]
                 maps[0, b, row, column] = max(maps[0, b, row, column], q)
-                maps[3, b, row, column] = max(maps[3, b, row, column], values[k, 2])
+                maps[3, b, row, column] = max(maps[3, b, row, column], values[k, 3])

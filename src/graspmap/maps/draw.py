@@ -22,6 +22,8 @@ Overlap = Literal["best", "published"]
 """Which of several grasps of one bin gives the maps their values at a pixel."""
 Gaussian = Literal["grasp", "published"]
 """The frame in which the Gaussian of the quality is drawn."""
+Peaks = Literal["one", "quality"]
+"""How high the quality rises in the middle of a grasp's region: 1, or the grasp's own quality."""
 Background = Literal["zero", "published"]
 """The value of cos 2a where there is no grasp: 0, or 1 as published."""
 
@@ -41,6 +43,7 @@ def draw_maps(
     bins: int = 1,
     quality: Quality = "binary",
     drop_off: float = 2.0,
+    peaks: Peaks = "one",
     overlap: Overlap = "best",
     gaussian: Gaussian = "grasp",
     width_scale: float = 1.0,
@@ -54,17 +57,20 @@ def draw_maps(
     label vanishes: a grasp with its centre in the image marks at least the pixel nearest it.
 
     With G = exp(-(u^2 + v^2) / drop_off), u and v in [-1, 1] along the sides of the region,
-    the quality inside is 1 (binary), max(0.9, G) (soft) or G (strong), and 0 outside.
+    the quality inside is 1 (binary), max(0.9, G) (soft) or G (strong), and 0 outside; with
+    ``peaks="quality"`` times the grasp's own.
 
     Grasps are drawn as given: where a data set repeats a grasp with several jaws, the caller
     chooses one.
 
     Args:
-        grasps: Grasps in the image, pixels; their own quality is not used.
+        grasps: Grasps in the image, pixels.
         shape: (H, W) of the maps.
         bins: Number N of orientation bins.
         quality: Fall-off of the quality inside the region.
         drop_off: g of the Gaussian, relative to the region's half sides (the thesis's sigma).
+        peaks: ``one``: all grasps are equally good; ``quality``: as good as their own quality says,
+            which lies in [0, 1] (see `graspmap.data.jaw_shares`).
         overlap: Inside one bin, ``best`` lets the grasp with the greatest G at the pixel give all
             four values (of equal ones the narrower grasp); ``published`` takes the greatest
             quality, the least angle and the greatest width, each on its own.
@@ -77,7 +83,8 @@ def draw_maps(
         Maps of (N, H, W) float32.
 
     Raises:
-        InvalidInputError: The shape, bins, drop_off or width_scale is not positive.
+        InvalidInputError: The shape, bins, drop_off or width_scale is not positive; a quality that
+            is to be drawn is not in [0, 1].
         UnknownNameError: A choice is not one of the listed names.
 
     References:
@@ -90,6 +97,7 @@ def draw_maps(
     _check_settings(bins, drop_off, width_scale)
     for name, value, choices in (
         ("quality", quality, Quality),
+        ("peaks", peaks, Peaks),
         ("overlap", overlap, Overlap),
         ("gaussian", gaussian, Gaussian),
         ("background", background, Background),
@@ -99,7 +107,7 @@ def draw_maps(
 
     # Equal distances go to the first grasp drawn, which must be the narrower one.
     grasps = grasps[np.argsort(grasps.width, kind="stable")]
-    regions, values = _regions(grasps), _values(grasps, width_scale)
+    regions, values = _regions(grasps), _values(grasps, width_scale, own=peaks == "quality")
     numbers = bin_of(grasps.angle, bins).astype(np.int32)
     boxed, low = gaussian == "published", LEAST_QUALITY[quality]
     maps = np.zeros((4, bins, rows, columns), np.float32)
@@ -111,7 +119,7 @@ def draw_maps(
         count = kernel.paint_best(regions, numbers, values, boxed, maps, covered, distance)
         if low < 1.0:
             inside = np.exp(distance[:count] * np.float32(-1.0 / drop_off))
-            kernel.put(np.maximum(inside, np.float32(low)), covered, maps[0].reshape(-1))
+            kernel.scale(np.maximum(inside, np.float32(low)), covered, maps[0].reshape(-1))
     else:
         kernel.paint_published(regions, numbers, grasps.angle, values, boxed, drop_off, low, maps)
     return GraspMaps(*maps)
@@ -127,11 +135,15 @@ def _regions(grasps: Grasps) -> NDArray[np.float64]:
     return regions
 
 
-def _values(grasps: Grasps, width_scale: float) -> Singles:
-    """(K, 3) cos 2a, sin 2a and scaled width of each grasp."""
-    values = np.empty((len(grasps), 3), np.float32)
-    values[:, 0], values[:, 1] = np.cos(2 * grasps.angle), np.sin(2 * grasps.angle)
-    values[:, 2] = grasps.width / width_scale
+def _values(grasps: Grasps, width_scale: float, *, own: bool) -> Singles:
+    """(K, 4) greatest quality, cos 2a, sin 2a and scaled width of each grasp."""
+    wrong = (grasps.quality < 0) | (grasps.quality > 1)
+    if own and wrong.any():
+        raise InvalidInputError("quality to draw", grasps.quality[wrong][0], "from 0 to 1")
+    values = np.empty((len(grasps), 4), np.float32)
+    values[:, 0] = grasps.quality if own else 1.0
+    values[:, 1], values[:, 2] = np.cos(2 * grasps.angle), np.sin(2 * grasps.angle)
+    values[:, 3] = grasps.width / width_scale
     return values
 
 

@@ -19,7 +19,7 @@ import torch
 from numpy.typing import NDArray
 from torch.utils.data import DataLoader, Dataset, Sampler
 
-from graspmap.data import Augmentation, Scene, Store, smallest_jaws, to_input
+from graspmap.data import Augmentation, Scene, Store, jaw_shares, smallest_jaws, to_input
 from graspmap.data.table import Table
 from graspmap.geometry import Grasps
 from graspmap.maps import draw_maps
@@ -186,12 +186,15 @@ def make_sample(
         depth_zero=experiment.data.depth_zero,
         table=table,
     )
-    labels = Grasps.empty() if scene.grasps is None else smallest_jaws(scene.grasps)
+    labels = Grasps.empty() if scene.grasps is None else scene.grasps
+    by_jaws = maps.peaks == "jaws"
+    labels = jaw_shares(labels, scene.negatives) if by_jaws else smallest_jaws(labels)
     target = draw_maps(
         labels.transformed(matrix),
         (size, size),
         bins=experiment.network.bins,
         quality=maps.quality,
+        peaks="quality" if by_jaws else "one",
         drop_off=maps.drop_off,
         overlap=maps.overlap,
         gaussian=maps.gaussian,

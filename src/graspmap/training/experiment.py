@@ -259,6 +259,8 @@ class MapsSection(_Section):
 
     Attributes:
         quality: Kind of quality target.
+        peaks: How good a label is at best: ``one``: all are; ``jaws``: by the share of the jaw
+            sizes that held there (see `graspmap.data.jaw_shares`), which says how safe it is.
         drop_off: Relative drop-off g of the Gaussian.
         overlap: Which grasp gives angle and width where several overlap.
         gaussian: Frame in which the Gaussian is drawn.
@@ -268,6 +270,7 @@ class MapsSection(_Section):
     """
 
     quality: Literal["binary", "soft", "strong"] = "binary"
+    peaks: Literal["one", "jaws"] = "one"
     drop_off: PositiveFloat = 2.0
     overlap: Literal["best", "published"] = "best"
     gaussian: Literal["grasp", "published"] = "grasp"
