@@ -16,11 +16,12 @@ from graspmap.data.fingerprint import data_hash
 from graspmap.data.split import Split, fingerprint
 from graspmap.errors import InvalidInputError, UnknownNameError
 from graspmap.evaluation import TrialPlan, try_grasps
-from graspmap.evaluation.cards import calibrate, check_not_trained_on
+from graspmap.evaluation.cards import calibrate, check_not_trained_on, evaluation_name
 from graspmap.geometry import Grasps
 from graspmap.inference import (
     DataCard,
     Detector,
+    EvaluationCard,
     WeightsCard,
     default_weights,
     load_weights,
@@ -210,6 +211,24 @@ def test_from_trials_to_a_card_that_says_it_all(capsys, generated, tmp_path):
     assert code == 0
     assert "left out" in err
     assert not load_weights(tmp_path / "again.safetensors")[1].evaluations
+
+
+def test_evaluations_of_other_data_have_names_of_their_own():
+    def made(data, data_hash, part=None):
+        numbers = {"scenes": 1, "protocol": "strict", "success": {}, "interval": {}, "miou": 0.5}
+        return EvaluationCard(data=data, data_hash=data_hash, part=part, cluster="scene", **numbers)
+
+    known = {"test": made("jacquard:a/test", "1")}
+    for card, name in (
+        (made("jacquard:a/test", "2"), "test"),  # the folder was made anew: it takes its place
+        (made("jacquard:elsewhere/test", "1"), "test"),  # a copy of it
+        (made("jacquard:b/test", "2"), "b/test"),
+        (made("jacquard:b/test", "1", "validation"), "test:validation"),
+    ):
+        assert evaluation_name(card, known) == name
+    known["b/test"] = made("jacquard:c/b/test", "3")
+    assert evaluation_name(made("jacquard:b/test", "2"), known) == "b/test (2)"
+    assert evaluation_name(made("jacquard:d/b/test", "4"), known) == "d/b/test"
 
 
 @pytest.fixture

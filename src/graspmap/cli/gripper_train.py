@@ -134,7 +134,7 @@ def _is_evaluated(job: Job, weights: Path, folder: Path) -> bool:
     if not (folder / "report.html").is_file():
         return False
     try:
-        _, card = evaluation_card(folder, weights_hash(*load_weights(weights)))
+        card = evaluation_card(folder, weights_hash(*load_weights(weights)))
     except FileError:
         return False
     return card.data_hash == data_hash(read_scenes(job.source("test")))

@@ -123,13 +123,14 @@ def note(argv: Sequence[str]) -> None:
         )
     output_file(flags.out, "--out", (".safetensors",), keep=[flags.weights])
     output_file(flags.json, "--json", keep=[flags.weights, flags.out])
-    from graspmap.evaluation.cards import evaluation_card
+    from graspmap.evaluation.cards import evaluation_card, evaluation_name
     from graspmap.inference import load_weights, save_weights, weights_hash, weights_path
 
     network, card = load_weights(weights_path(flags.weights))
     measured: dict[str, EvaluationCard] = {}
     for folder in flags.evaluation:
-        name, found = evaluation_card(folder, weights_hash(network, card))
+        found = evaluation_card(folder, weights_hash(network, card))
+        name = evaluation_name(found, {**card.evaluations, **measured})
         if name in measured:
             problem = f"is of {name}, as an evaluation named before it"
             raise FileFormatError(folder, problem, "name one evaluation for each part of the data")

@@ -125,15 +125,12 @@ def calibrate(
     )
 
 
-def evaluation_card(folder: Path | str, weights_hash: str) -> tuple[str, EvaluationCard]:
+def evaluation_card(folder: Path | str, weights_hash: str) -> EvaluationCard:
     """The headline numbers of an evaluation of some weights.
 
     Args:
         folder: What ``graspmap evaluate --out`` wrote.
         weights_hash: Of the weights, see `graspmap.inference.weights_hash`.
-
-    Returns:
-        Name of what was measured: the data's folder and, where it was, ``:`` and its part.
 
     Raises:
         MissingFileError: There is no evaluation in the folder.
@@ -150,7 +147,7 @@ def evaluation_card(folder: Path | str, weights_hash: str) -> tuple[str, Evaluat
     interval = {
         key: (float(low), float(high)) for key, (low, high) in run.summary["interval"].items()
     }
-    card = EvaluationCard(
+    return EvaluationCard(
         data=run.data,
         data_hash=run.summary["data_hash"],
         part=part,
@@ -162,8 +159,24 @@ def evaluation_card(folder: Path | str, weights_hash: str) -> tuple[str, Evaluat
         cluster=run.cluster,
         trials=_trials_card(run),
     )
-    name = split_spec(run.data)[1].name
-    return (f"{name}:{part}" if part else name), card
+
+
+def evaluation_name(card: EvaluationCard, known: Mapping[str, EvaluationCard]) -> str:
+    """What an evaluation is called in a card: the data's folder and, where it was, ``:`` its part.
+
+    Args:
+        card: The evaluation.
+        known: Those that the card has, by name; as much of the folder's path is taken as tells this
+            one apart from those of other data.
+    """
+    parts = split_spec(card.data)[1].parts
+    part, name = f":{card.part}" if card.part else "", ""
+    for length in range(1, len(parts) + 1):
+        name = "/".join(parts[-length:]) + part
+        other = known.get(name)
+        if other is None or other.data == card.data or other.data_hash == card.data_hash:
+            return name
+    return f"{name} ({card.data_hash})"
 
 
 def _same(source: str, scenes: Scenes) -> bool:
