@@ -9,9 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from graspmap.cli.trial_flags import TrialFlags
 from graspmap.data import Scenes, read_scenes
 from graspmap.errors import FileError, InvalidInputError
 from graspmap.evaluation import (
+    SeenBy,
     TrialPlan,
     file_predictions,
     in_file_frame,
@@ -173,9 +175,9 @@ def test_a_camera_can_be_given_where_there_is_none(copy):
         try_grasps({scene.id: scene.grasps[:1]}, bare)
     wrong = Camera.from_field_of_view(0.5, 100, 100)
     with pytest.raises(InvalidInputError, match="100 x 100"):
-        try_grasps({scene.id: scene.grasps[:1]}, bare, TrialPlan(camera=wrong))
-    plan = TrialPlan(camera=scene.camera, top=None)
-    assert try_grasps({scene.id: scene.grasps}, bare, plan).score.success > 0.5
+        try_grasps({scene.id: scene.grasps[:1]}, SeenBy(bare, wrong))
+    known = SeenBy(bare, scene.camera)
+    assert try_grasps({scene.id: scene.grasps}, known, TrialPlan(top=None)).score.success > 0.5
 
 
 def test_a_given_camera_counts_more_than_the_one_that_is_assumed(copy):
@@ -186,12 +188,28 @@ def test_a_given_camera_counts_more_than_the_one_that_is_assumed(copy):
     scenes = scenes_of(copy).subset(scenes_of(copy).ids[:1])
     assumed = scenes[0].camera
     own = replace(assumed, fx=1.3 * assumed.fx, fy=1.3 * assumed.fy)
-    found = scene_world(scenes, 0, camera=own)
+    seen = SeenBy(scenes, own).subset(scenes.ids)
+    found = scene_world(seen, 0)
     assert found.camera == own
     # Its pose is that of the table it sees, not the one that goes with the other camera.
     assert not np.allclose(
-        found.T_world_camera.matrix, scene_world(scenes, 0, camera=assumed).T_world_camera.matrix
+        found.T_world_camera.matrix, scene_world(scenes, 0).T_world_camera.matrix
     )
+    # Detectors see it, too, and a stopped run does not go on with another camera.
+    file = copy / "own.json"
+    file.write_text(json.dumps(own.to_dict()))
+    for read in (seen, TrialFlags(camera=file).read(f"jacquard:{copy}", None)):
+        assert read[0].camera == read.camera == own
+        assert read[0].T_world_camera is None
+        detector = WithGripper()
+        predict_scenes(detector, read)
+        assert detector.told[0] == own
+
+
+def test_scenes_with_a_record_keep_their_camera(generated):
+    scenes = scenes_of(generated)
+    other = Camera.from_field_of_view(0.5, 100, 100)
+    assert SeenBy(scenes, other)[0].camera == scenes[0].camera
 
 
 def test_scenes_are_perturbed_apart(generated):

@@ -173,14 +173,15 @@ def _check(flags: Evaluate) -> None:
         raise UsageError("graspmap evaluate", "give exactly one of --weights and --predictions")
     if flags.out is not None:
         output_folder(flags.out, "--out")
-    output_file(flags.json, "--json", keep=[flags.weights, flags.predictions])
+    output_file(flags.json, "--json", keep=[flags.weights, flags.predictions, flags.trial.camera])
     at_least(0, seed=flags.seed)
     at_least(1, top=flags.top)
     for name, given in (("--speed", flags.speed), ("--device", flags.device != "cpu")):
         if given and flags.weights is None:
             raise InvalidInputError(name, "given", "only with --weights")
     flags.trial.check()
-    unused = [f.name for f in fields(flags.trial) if getattr(flags.trial, f.name) != f.default]
+    given = {f.name for f in fields(flags.trial) if getattr(flags.trial, f.name) != f.default}
+    unused = sorted(given - {"camera"})
     if unused and not flags.trials:
         flag = "--" + unused[0].replace("_", "-")
         raise InvalidInputError(flag, "given", "only with --trials")

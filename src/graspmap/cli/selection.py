@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from graspmap.errors import FileError
 
 if TYPE_CHECKING:
+    from graspmap.cli.trial_flags import TrialFlags
     from graspmap.data import Scenes
     from graspmap.data.split import Split
     from graspmap.inference import Detector
@@ -44,6 +45,10 @@ class SelectionFlags(Protocol):
     def device(self) -> str:
         """Where their network runs."""
 
+    @property
+    def trial(self) -> TrialFlags:
+        """How grasps are tried, and whose camera took the pictures."""
+
 
 @dataclass(frozen=True, eq=False)
 class Selection:
@@ -73,10 +78,10 @@ def select(flags: SelectionFlags) -> Selection:
         FileError: Data, weights or split are missing, damaged, or do not belong together.
         InvalidInputError: The device is not available.
     """
-    from graspmap.data import KINDS, read_scenes
+    from graspmap.data import KINDS
 
     depth, weights, detector = flags.depth, flags.weights, None
-    everything = read_scenes(flags.data, depth=depth)
+    everything = flags.trial.read(flags.data, depth)
     if weights is not None:
         from graspmap.inference import Detector, weights_path
 
@@ -86,7 +91,7 @@ def select(flags: SelectionFlags) -> Selection:
         trained = detector.card.data.depth
         if trained in KINDS[everything.kind].depths:
             _LOG.info("%s depth, as in the training; --depth takes another", trained)
-            depth, everything = trained, read_scenes(flags.data, depth=trained)
+            depth, everything = trained, flags.trial.read(flags.data, trained)
     chosen, part = _split(flags.split, weights, everything)
     scenes = everything if chosen is None else chosen.subset(everything, part)
     return Selection(everything, scenes, chosen, part, depth, detector)

@@ -34,8 +34,9 @@ class TrialFlags:
     trial_depth: Annotated[str | None, option("NAME", "default: perfect or z")] = None
     """Which depth places the grasps, and rebuilds scenes that have no record."""
     camera: Annotated[Path | None, option("F", "default: that of the data")] = None
-    """Camera file (JSON or YAML: fx, fy, cx, cy, width, height) for pictures without a record,
-    instead of the camera that their data set has."""
+    """Camera file (JSON or YAML: fx, fy, cx, cy, width, height) of pictures without a record,
+    instead of the camera that their data set says: where nothing generated them, and for what the
+    network sees as well as for the trials."""
     shake: bool = False
     """Shake the gripper after the lift: weak grips lose."""
     perturb: Annotated[str | None, option("MM,DEG[,FRICTION,MASS]", "default: none")] = None
@@ -70,10 +71,9 @@ class TrialFlags:
 
         Raises:
             InvalidInputError: A value is not allowed; the error names its flag.
-            FileError: The gripper's or the camera's file is missing or damaged.
+            FileError: The gripper's file is missing or damaged.
         """
         from graspmap.evaluation import TrialPlan
-        from graspmap.geometry import Camera
         from graspmap.gripper import load_gripper
         from graspmap.simulation.trial import Shake
 
@@ -86,9 +86,26 @@ class TrialFlags:
             shake=Shake() if self.shake else None,
             perturbation=None if self.perturb is None else read_perturbation(self.perturb),
             repeats=1 if self.perturb is None else self.repeats or REPEATS,
-            camera=None if self.camera is None else Camera.read(self.camera),
             seed=seed,
         )
+
+    def read(self, data: str, depth: str | None) -> Scenes:
+        """The scenes of a data set, as pictures of ``--camera`` where there is one.
+
+        Args:
+            data: ``kind:directory``.
+            depth: Which depth; None: the default of their kind.
+
+        Raises:
+            FileError: Data or camera file are missing or damaged.
+            InvalidInputError: They have no such depth.
+        """
+        from graspmap.data import read_scenes
+        from graspmap.evaluation import SeenBy
+        from graspmap.geometry import Camera
+
+        scenes = read_scenes(data, depth=depth)
+        return scenes if self.camera is None else SeenBy(scenes, Camera.read(self.camera))
 
     def scenes(self, data: str, ids: Sequence[str]) -> Scenes:
         """Scenes with exact depth, whatever a network saw: it says where things really are.
@@ -101,9 +118,7 @@ class TrialFlags:
             FileError: The data are missing or damaged.
             InvalidInputError: A scene is not among them, or they have no such depth.
         """
-        from graspmap.data import read_scenes
-
-        return read_scenes(data, depth=self.trial_depth).subset(ids)
+        return self.read(data, self.trial_depth).subset(ids)
 
     def attempt(
         self,

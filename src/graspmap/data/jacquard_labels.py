@@ -109,26 +109,22 @@ def jaw_shares(grasps: Grasps, failed: Grasps | None = None) -> Grasps:
     held = np.diff(np.r_[starts, len(grasps)])
     tried = held.max(initial=1)
     if failed is not None:
-        both = _by_place(grasps, failed)
+        both = _by_place(Grasps.concatenate([grasps, failed]))
         tried = np.diff(np.r_[both[1], len(both[0])]).max(initial=1)
     shares = np.empty(len(grasps))
     shares[order] = np.repeat(held / tried, held)
     return _once(grasps.replace(quality=shares), order, starts)
 
 
-def _by_place(*several: Grasps) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _by_place(grasps: Grasps) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Numbers of the grasps by place and jaw size, and where each place begins among them."""
-    key = np.concatenate(
-        [
-            # The double angle makes -pi/2 and pi/2 the same.
-            np.column_stack([g.center, np.cos(2 * g.angle), np.sin(2 * g.angle), g.width])
-            for g in several
-        ]
+    key = np.column_stack(
+        # The double angle makes -pi/2 and pi/2 the same.
+        [grasps.center, np.cos(2 * grasps.angle), np.sin(2 * grasps.angle), grasps.width]
     )
     same = np.round(key * 1e4).astype(np.int64)
-    heights = np.concatenate([g.height for g in several])
     # By hand: np.unique along an axis doubles the time, and every training sample waits for it.
-    order = np.lexsort((heights, *same.T))  # stable: of equal jaws the first in the list
+    order = np.lexsort((grasps.height, *same.T))  # stable: of equal jaws the first in the list
     changes = (np.diff(same[order], axis=0) != 0).any(axis=1)
     return order, np.flatnonzero(np.r_[True, changes][: len(order)])
 

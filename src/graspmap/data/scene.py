@@ -101,11 +101,14 @@ class Scenes(Sequence[Scene], ABC):
         kind: Kind of data set, as in ``kind:directory``.
         root: Its folder.
         ids: Scene names, sorted the same way on every machine.
+        camera: The camera that pictures are taken for, whatever the data set says; None: as it
+            says.
     """
 
     kind: str
     root: Path
     ids: tuple[str, ...]
+    camera: Camera | None = None
 
     @abstractmethod
     def read(self, index: int) -> Scene:
@@ -172,6 +175,7 @@ class _Subset(Scenes):
                 f"ids of its {len(parent)} scenes",
             )
         self.kind, self.root, self.ids = parent.kind, parent.root, tuple(ids)
+        self.camera = parent.camera
         self._parent, self._positions = parent, [positions[name] for name in ids]
 
     def read(self, index: int) -> Scene:

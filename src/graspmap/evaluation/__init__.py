@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from graspmap.evaluation.report.gallery import Exhibit, make_gallery
     from graspmap.evaluation.report.page import write_report
     from graspmap.evaluation.results import Evaluation, SceneResult
+    from graspmap.evaluation.seen_by import SeenBy
     from graspmap.evaluation.shape_baselines import AntipodalGrasp, MomentsGrasp
     from graspmap.evaluation.task_scores import TaskEvaluation, evaluate_tasks
     from graspmap.evaluation.trial_plan import TrialPlan
@@ -46,6 +47,7 @@ __all__ = [
     "GraspsToTry",
     "MomentsGrasp",
     "SceneResult",
+    "SeenBy",
     "TaskEvaluation",
     "TrialEvaluation",
     "TrialPlan",
@@ -80,6 +82,7 @@ _HOME = {
     "SceneResult": "results",
     "TaskEvaluation": "task_scores",
     "TrialEvaluation": "trial_results",
+    "SeenBy": "seen_by",
     "TrialPlan": "trial_plan",
     "TriedGrasp": "trial_results",
     "animate_trials": "animations",

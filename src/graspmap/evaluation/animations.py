@@ -91,7 +91,7 @@ def film_of(
         placed: Where it was tried.
     """
     plan = evaluation.plan
-    world = scene_world(scenes, scenes.index(tried.scene), camera=plan.camera)
+    world = scene_world(scenes, scenes.index(tried.scene))
     gripper = plan.gripper_for(world)
     recording = record_trial(world.tabletop, placed.table, gripper, plan.settings_for(world))
     film = film_trial(world.tabletop, gripper, recording)

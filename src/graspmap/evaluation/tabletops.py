@@ -39,14 +39,12 @@ class SceneWorld:
     settings: TrialSettings | None = None
 
 
-def scene_world(scenes: Scenes, index: int, *, camera: Camera | None = None) -> SceneWorld:
+def scene_world(scenes: Scenes, index: int) -> SceneWorld:
     """Rebuild the tabletop of scene ``index``.
 
     Args:
         scenes: With the depth that says where things are.
         index: Number of the scene.
-        camera: Intrinsics of pictures that come without a record, instead of what the data set
-            takes them for.
 
     Raises:
         InvalidInputError: It has no depth or no camera, its depth shows no table or no object, or
@@ -59,25 +57,16 @@ def scene_world(scenes: Scenes, index: int, *, camera: Camera | None = None) -> 
         raise InvalidInputError("depth", "missing", "scenes with depth in metres: it says where")
     if record is not None:
         return _recorded(record, scene, scene.depth)
-    pose = scene.T_world_camera
-    if camera is None:
-        camera = scene.camera
-    elif camera != scene.camera:
-        pose = None  # it is that of the other camera; the table says where this one is
-    if camera is None:
+    if scene.camera is None:
         raise InvalidInputError(
             "camera", "missing", "scenes whose camera is known, or a camera file (--camera)"
         )
-    if (camera.height, camera.width) != scene.shape:
-        raise InvalidInputError(
-            "size of the camera's picture",
-            f"{camera.width} x {camera.height}",
-            f"{scene.shape[1]} x {scene.shape[0]}, that of the scene's",
-        )
     # Jacquard shows one object a picture; elsewhere parts that do not touch are objects.
     bodies: Bodies = "one" if scenes.kind == "jacquard" else "components"
-    rebuilt = rebuild_tabletop(scene.depth, scene.mask, camera, pose, bodies=bodies)
-    return SceneWorld(rebuilt.tabletop, scene.depth, camera, rebuilt.T_world_camera)
+    rebuilt = rebuild_tabletop(
+        scene.depth, scene.mask, scene.camera, scene.T_world_camera, bodies=bodies
+    )
+    return SceneWorld(rebuilt.tabletop, scene.depth, scene.camera, rebuilt.T_world_camera)
 
 
 def scene_gripper(scenes: Scenes, index: int) -> Gripper | None:

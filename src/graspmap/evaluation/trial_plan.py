@@ -7,7 +7,6 @@ from typing import Any, Literal
 
 from graspmap.errors import InvalidInputError
 from graspmap.evaluation.tabletops import SceneWorld
-from graspmap.geometry.camera import Camera
 from graspmap.gripper import Gripper, check_gripper, load_gripper
 from graspmap.simulation.trial import Perturbation, Shake, TrialSettings
 
@@ -36,7 +35,6 @@ class TrialPlan:
             say.
         perturbation: How unsure pose, friction and mass are.
         repeats: Perturbed repeats of each trial.
-        camera: Intrinsics of pictures that come without a record, see `scene_world`.
         seed: Of the perturbation and of the interval.
 
     Raises:
@@ -52,7 +50,6 @@ class TrialPlan:
     shake: Shake | None = None
     perturbation: Perturbation | None = None
     repeats: int = 1
-    camera: Camera | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:

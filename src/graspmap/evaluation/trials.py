@@ -84,7 +84,8 @@ def try_grasps(
         raise InvalidInputError("workers", workers, "1 or more")
     left_out = dict(skipped or {})
     order = [i for i, name in enumerate(scenes.ids) if name not in left_out]
-    with open_journal(folder, f"{__version__} {scenes.kind}:{scenes.root} {plan!r}") as journal:
+    made_with = f"{__version__} {scenes.kind}:{scenes.root} {scenes.camera!r} {plan!r}"
+    with open_journal(folder, made_with) as journal:
         run = _Run(scenes, plan, predictions, journal, progress)
         found = run.all(order, workers)
     left_out |= run.skipped
@@ -162,7 +163,7 @@ def _try_scene(scenes: Scenes, plan: TrialPlan, grasps_of: list[Grasps], index: 
     """Trials of one scene."""
     name, object_id, grasps = scenes.ids[index], scenes.object_id(index), grasps_of[index]
     # Before anything else: whether a scene counts must not depend on what was predicted for it.
-    world = scene_world(scenes, index, camera=plan.camera)
+    world = scene_world(scenes, index)
     return try_in_world(world, plan, grasps, name, object_id)
 
 
