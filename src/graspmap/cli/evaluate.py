@@ -180,8 +180,8 @@ def _check(flags: Evaluate) -> None:
         if given and flags.weights is None:
             raise InvalidInputError(name, "given", "only with --weights")
     flags.trial.check()
-    given = {f.name for f in fields(flags.trial) if getattr(flags.trial, f.name) != f.default}
-    unused = sorted(given - {"camera"})
+    changed = {f.name for f in fields(flags.trial) if getattr(flags.trial, f.name) != f.default}
+    unused = sorted(changed - {"camera"})
     if unused and not flags.trials:
         flag = "--" + unused[0].replace("_", "-")
         raise InvalidInputError(flag, "given", "only with --trials")

@@ -106,11 +106,9 @@ def jaw_shares(grasps: Grasps, failed: Grasps | None = None) -> Grasps:
             greatest number that one grasp held with.
     """
     order, starts = _by_place(grasps)
-    held = np.diff(np.r_[starts, len(grasps)])
-    tried = held.max(initial=1)
-    if failed is not None:
-        both = _by_place(Grasps.concatenate([grasps, failed]))
-        tried = np.diff(np.r_[both[1], len(both[0])]).max(initial=1)
+    held = _lengths(order, starts)
+    both = grasps if failed is None else Grasps.concatenate([grasps, failed])
+    tried = _lengths(*_by_place(both)).max(initial=1)
     shares = np.empty(len(grasps))
     shares[order] = np.repeat(held / tried, held)
     return _once(grasps.replace(quality=shares), order, starts)
@@ -127,6 +125,11 @@ def _by_place(grasps: Grasps) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     order = np.lexsort((grasps.height, *same.T))  # stable: of equal jaws the first in the list
     changes = (np.diff(same[order], axis=0) != 0).any(axis=1)
     return order, np.flatnonzero(np.r_[True, changes][: len(order)])
+
+
+def _lengths(order: NDArray[np.intp], starts: NDArray[np.intp]) -> NDArray[np.intp]:
+    """How many grasps each place has."""
+    return np.diff(np.r_[starts, len(order)])
 
 
 def _once(grasps: Grasps, order: NDArray[np.intp], starts: NDArray[np.intp]) -> Grasps:

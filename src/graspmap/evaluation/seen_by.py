@@ -23,6 +23,8 @@ class SeenBy(Scenes):
         camera: Intrinsics of their pictures.
     """
 
+    camera: Camera
+
     def __init__(self, scenes: Scenes, camera: Camera) -> None:
         self.kind, self.root, self.ids = scenes.kind, scenes.root, scenes.ids
         self.camera = camera
