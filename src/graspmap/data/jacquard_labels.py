@@ -129,7 +129,7 @@ def _by_place(grasps: Grasps) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 def _lengths(order: NDArray[np.intp], starts: NDArray[np.intp]) -> NDArray[np.intp]:
     """How many grasps each place has."""
-    return np.diff(np.r_[starts, len(order)])
+    return np.asarray(np.diff(np.r_[starts, len(order)]))
 
 
 def _once(grasps: Grasps, order: NDArray[np.intp], starts: NDArray[np.intp]) -> Grasps:
