@@ -12,6 +12,7 @@ import pytest
 import torch
 
 from graspmap import cli, read_scenes
+from graspmap.data import write_predictions
 from graspmap.data.fingerprint import data_hash
 from graspmap.data.split import Split, fingerprint
 from graspmap.errors import InvalidInputError, UnknownNameError
@@ -213,22 +214,56 @@ def test_from_trials_to_a_card_that_says_it_all(capsys, generated, tmp_path):
     assert not load_weights(tmp_path / "again.safetensors")[1].evaluations
 
 
-def test_evaluations_of_other_data_have_names_of_their_own():
+def test_trials_alone_say_whose_they_are(capsys, generated, tmp_path):
+    """Predictions are one detector's when they say the same, wherever they lie."""
+    scenes = read_scenes(f"jacquard:{generated}")
+    found, moved = tmp_path / "found.txt", tmp_path / "moved.txt"
+    size = max(scenes[0].shape)
+    write_predictions(found, {scenes.ids[0]: scenes[0].grasps[:1]}, size_px=size)
+    out = tmp_path / "report"
+    data = ("--data", f"jacquard:{generated}", "--out", out, "--predictions")
+    assert run(capsys, "trial", *data, found)[0] == 0
+    found.rename(moved)
+    write_predictions(found, {scenes.ids[0]: scenes[0].grasps[1:2]}, size_px=size)
+    code, _, err = run(capsys, "evaluate", *data, found)
+    assert code == 2
+    assert "holds trials of another detector" in err
+    assert run(capsys, "evaluate", *data, moved)[0] == 0
+    code, _, err = run(capsys, "trial", *data, found)
+    assert code == 2
+    assert "holds the evaluation of another detector" in err
+    (out / "evaluation.json").unlink()
+    told = json.loads((out / "trials.json").read_text())
+    del told["detector"]
+    (out / "trials.json").write_text(json.dumps(told))
+    code, _, err = run(capsys, "evaluate", *data, moved)
+    assert code == 2
+    assert "holds trials of a detector that it does not name" in err
+    for flag, needed in (("--jaw", "--trials"), ("--camera", "--trials or --weights")):
+        code, _, err = run(capsys, "evaluate", *data, moved, flag, "banana")
+        assert code == 2
+        assert f"only with {needed}" in err
+
+
+def test_evaluations_of_other_data_have_names_of_their_own(tmp_path, monkeypatch):
     def made(data, data_hash, part=None):
         numbers = {"scenes": 1, "protocol": "strict", "success": {}, "interval": {}, "miou": 0.5}
         return EvaluationCard(data=data, data_hash=data_hash, part=part, cluster="scene", **numbers)
 
-    known = {"test": made("jacquard:a/test", "1")}
+    known = {"test": made("jacquard:/a/test", "1")}
+    monkeypatch.chdir(tmp_path)
     for card, name in (
-        (made("jacquard:a/test", "2"), "test"),  # the folder was made anew: it takes its place
-        (made("jacquard:elsewhere/test", "1"), "test"),  # a copy of it
-        (made("jacquard:b/test", "2"), "b/test"),
-        (made("jacquard:b/test", "1", "validation"), "test:validation"),
+        (made("jacquard:/a/test", "2"), "test"),  # the folder was made anew: it takes its place
+        (made("jacquard:/elsewhere/test", "1"), "test"),  # a copy of it
+        (made("jacquard:/b/test", "2"), "b/test"),
+        (made("jacquard:/b/test", "1", "validation"), "test:validation"),
+        (made("jacquard:.", "2"), tmp_path.name),
+        (made("jacquard:.", "2", "test"), f"{tmp_path.name}:test"),
     ):
         assert evaluation_name(card, known) == name
-    known["b/test"] = made("jacquard:c/b/test", "3")
-    assert evaluation_name(made("jacquard:b/test", "2"), known) == "b/test (2)"
-    assert evaluation_name(made("jacquard:d/b/test", "4"), known) == "d/b/test"
+    known["b/test"] = made("jacquard:/c/b/test", "3")
+    assert evaluation_name(made("jacquard:/b/test", "2"), known) == "test (2)"
+    assert evaluation_name(made("jacquard:/d/b/test", "4"), known) == "d/b/test"
 
 
 @pytest.fixture

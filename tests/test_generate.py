@@ -284,7 +284,7 @@ def test_another_plan_or_a_second_run_is_refused(made, monkeypatch):
 def test_what_is_whole_stays_whole_after_an_upgrade(tmp_path, made, monkeypatch):
     """Nothing is to be made, so nothing is mixed; else versions are refused as any other plan."""
     before = snapshot(made)
-    monkeypatch.setattr(run_module, "versions", lambda photo: {"graspmap": "0"})
+    monkeypatch.setattr(run_module, "versions", lambda **_: {"graspmap": "0"})
     told = replace(PLAN, gripper=replace(GRIPPER, description="the same, in other words"))
     generate(told, made, workers=0)
     assert snapshot(made) == before

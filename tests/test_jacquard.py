@@ -465,8 +465,9 @@ def test_smallest_jaws_against_a_dictionary(rows):
 @given(
     st.lists(st.tuples(st.integers(0, 1), st.integers(0, 1), st.integers(1, 4)), unique=True),
     st.data(),
+    st.integers(1, 2),
 )
-def test_jaw_shares_against_a_dictionary(rows, data):
+def test_jaw_shares_against_a_dictionary(rows, data, times):
     held = data.draw(st.lists(st.booleans(), min_size=len(rows), max_size=len(rows)))
 
     def made(some):
@@ -485,7 +486,7 @@ def test_jaw_shares_against_a_dictionary(rows, data):
         (None, max(count.values(), default=1)),
         (bad, max(both.values(), default=1)),
     ):
-        shares = jaw_shares(made(good), None if failed is None else made(failed))
+        shares = jaw_shares(made(good * times), None if failed is None else made(failed))
         assert shares.replace(quality=np.ones(len(shares))) == smallest_jaws(made(good))
         np.testing.assert_allclose(shares.quality, [n / most for n in count.values()])
 

@@ -181,10 +181,12 @@ def _check(flags: Evaluate) -> None:
             raise InvalidInputError(name, "given", "only with --weights")
     flags.trial.check()
     changed = {f.name for f in fields(flags.trial) if getattr(flags.trial, f.name) != f.default}
-    unused = sorted(changed - {"camera"})
+    # The network sees with the camera, too.
+    unused = sorted(changed - ({"camera"} if flags.weights is not None else set()))
     if unused and not flags.trials:
         flag = "--" + unused[0].replace("_", "-")
-        raise InvalidInputError(flag, "given", "only with --trials")
+        needed = "--trials or --weights" if unused[0] == "camera" else "--trials"
+        raise InvalidInputError(flag, "given", f"only with {needed}")
 
 
 def _predictions(path: Path) -> dict[str, Grasps]:
@@ -256,7 +258,7 @@ def _write(
         found = {scene.id: scene.grasp for scene in result.results}
         write_found(flags.out / "predictions.txt", found, chosen.scenes)
     if trials is not None:
-        write_trials(trials, flags.out)
+        write_trials(trials, flags.out, {"detector": sections["detector"]})
     outcomes = None if trials is None else outcomes_by_scene(trials)
     result.write(flags.out, sections, outcomes)  # pictures may fail; numbers stay
     with progress("drawing the report") as update:

@@ -104,7 +104,13 @@ def describe_measured(
     if detector is not None:
         return {"kind": "weights", "file": str(weights), **detector.describe()}
     if predictions is not None:
-        return {"kind": "predictions", "file": str(predictions)}
+        from graspmap.files import file_hash
+
+        return {
+            "kind": "predictions",
+            "file": str(predictions),
+            "hash": file_hash(predictions),
+        }
     return {"kind": "labels"}
 
 

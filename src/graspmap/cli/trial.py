@@ -100,9 +100,9 @@ def run(argv: Sequence[str]) -> int:
     from graspmap.evaluation.run_folder import check_same_detector
 
     chosen = select(flags)
+    detector = describe_measured(chosen.detector, flags.weights, flags.predictions)
     if flags.out is not None:
-        tried = describe_measured(chosen.detector, flags.weights, flags.predictions)
-        check_same_detector(flags.out, tried, trials=True)
+        check_same_detector(flags.out, detector, trials=True)
     todo = _grasps(flags, chosen, plan)
     from graspmap.evaluation import write_trials
 
@@ -110,10 +110,13 @@ def run(argv: Sequence[str]) -> int:
     if flags.out is not None and flags.weights is not None:
         write_found(flags.out / "predictions.txt", todo.grasps, scenes)
     result = flags.trial.attempt(todo, scenes, plan, cluster=flags.cluster, folder=flags.out)
-    summary = result.to_dict() if flags.out is None else write_trials(result, flags.out)
+    sections: dict[str, Any] = {"detector": detector, "unknown_predictions": len(todo.unknown)}
     if chosen.split is not None:
-        summary["split"] = {"part": chosen.part, "hash": chosen.split.hash}
-    summary["unknown_predictions"] = len(todo.unknown)
+        sections["split"] = {"part": chosen.part, "hash": chosen.split.hash}
+    if flags.out is None:
+        summary = {**result.to_dict(), **sections}
+    else:
+        summary = write_trials(result, flags.out, sections)
     _tell(flags, result)
     if flags.animate is not None:
         summary["animations"] = _animate(flags, result, scenes)

@@ -101,16 +101,17 @@ def jaw_shares(grasps: Grasps, failed: Grasps | None = None) -> Grasps:
     and 90 % near those that held with all five.
 
     Args:
-        grasps: Grasps that held, repeated with each jaw size that did.
+        grasps: Grasps that held, repeated with each jaw size that did; one that is listed twice
+            counts once.
         failed: Grasps that did not, which tell how many sizes were tried; without them that is the
             greatest number that one grasp held with.
     """
     order, starts = _by_place(grasps)
-    held = _lengths(order, starts)
     both = grasps if failed is None else Grasps.concatenate([grasps, failed])
-    tried = _lengths(*_by_place(both)).max(initial=1)
+    tried = _jaws(both, *_by_place(both)).max(initial=1)
     shares = np.empty(len(grasps))
-    shares[order] = np.repeat(held / tried, held)
+    held = _jaws(grasps, order, starts)
+    shares[order] = np.repeat(held / tried, np.diff(np.r_[starts, len(order)]))
     return _once(grasps.replace(quality=shares), order, starts)
 
 
@@ -127,9 +128,13 @@ def _by_place(grasps: Grasps) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return order, np.flatnonzero(np.r_[True, changes][: len(order)])
 
 
-def _lengths(order: NDArray[np.intp], starts: NDArray[np.intp]) -> NDArray[np.intp]:
-    """How many grasps each place has."""
-    return np.asarray(np.diff(np.r_[starts, len(order)]))
+def _jaws(grasps: Grasps, order: NDArray[np.intp], starts: NDArray[np.intp]) -> NDArray[np.intp]:
+    """How many jaw sizes each place has."""
+    if not len(grasps):
+        return np.zeros(0, dtype=np.intp)
+    larger = np.diff(grasps.height[order], prepend=-1.0) != 0  # they stand in order of size
+    larger[starts] = True
+    return np.asarray(np.add.reduceat(larger.astype(np.intp), starts))
 
 
 def _once(grasps: Grasps, order: NDArray[np.intp], starts: NDArray[np.intp]) -> Grasps:

@@ -169,14 +169,15 @@ def evaluation_name(card: EvaluationCard, known: Mapping[str, EvaluationCard]) -
         known: Those that the card has, by name; as much of the folder's path is taken as tells this
             one apart from those of other data.
     """
-    parts = split_spec(card.data)[1].parts
-    part, name = f":{card.part}" if card.part else "", ""
-    for length in range(1, len(parts) + 1):
-        name = "/".join(parts[-length:]) + part
+    folder = split_spec(card.data)[1].resolve()
+    parts = folder.relative_to(folder.anchor).parts or (folder.anchor,)
+    part = f":{card.part}" if card.part else ""
+    names = ["/".join(parts[-length:]) + part for length in range(1, len(parts) + 1)]
+    for name in names:
         other = known.get(name)
         if other is None or other.data == card.data or other.data_hash == card.data_hash:
             return name
-    return f"{name} ({card.data_hash})"
+    return f"{names[0]} ({card.data_hash})"
 
 
 def _same(source: str, scenes: Scenes) -> bool:

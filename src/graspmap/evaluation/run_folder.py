@@ -107,29 +107,28 @@ def check_same_detector(folder: Path, detector: Mapping[str, Any], *, trials: bo
 
     Args:
         folder: Where the results are to be written.
-        detector: What is measured, as ``evaluation.json`` says it.
+        detector: What is measured, as ``evaluation.json`` and ``trials.json`` say it.
         trials: Whether trials alone are to be written there; else an evaluation without them.
 
     Raises:
         FileFormatError: What stays in the folder is of another detector, or damaged.
     """
-    evaluation, tried = folder / results.SUMMARY_FILE, folder / trial_results.SUMMARY_FILE
-    stays = evaluation if trials else tried
-    if not stays.is_file() or not evaluation.is_file():
+    stays = folder / (results.SUMMARY_FILE if trials else trial_results.SUMMARY_FILE)
+    if not stays.is_file():
         return
-    known = _read_json(evaluation).get("detector")
-    if not _same(known, detector):
-        what = "the evaluation" if trials else "trials"
-        other = "evaluate this one, too" if trials else "try the grasps of this one, too: --trials"
-        remedy = f"choose another folder with --out, or {other}"
-        raise FileFormatError(stays, f"holds {what} of another detector", remedy)
+    known = _read_json(stays).get("detector")
+    if isinstance(known, dict) and _content(known) == _content(detector):
+        return
+    what = "the evaluation" if trials else "trials"
+    whose = "another detector" if known else "a detector that it does not name"
+    other = "evaluate this one, too" if trials else "try the grasps of this one, too: --trials"
+    remedy = f"choose another folder with --out, or {other}"
+    raise FileFormatError(stays, f"holds {what} of {whose}", remedy)
 
 
-def _same(known: Any, detector: Mapping[str, Any]) -> bool:
-    """Whether two descriptions are of one detector: weights by their content, wherever they lie."""
-    if isinstance(known, dict) and known.get("hash") and detector.get("hash"):
-        return bool(known["hash"] == detector["hash"])
-    return bool(known == dict(detector))
+def _content(detector: Mapping[str, Any]) -> tuple[Any, Any]:
+    """What makes a detector this one: weights and predictions by content, wherever they lie."""
+    return detector.get("kind"), detector.get("hash")
 
 
 def _read_json(path: Path) -> dict[str, Any]:

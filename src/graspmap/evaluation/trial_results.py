@@ -295,8 +295,17 @@ def clusters(tried: tuple[TriedGrasp, ...], cluster: str) -> list[tuple[bool, st
     ]
 
 
-def write_trials(evaluation: TrialEvaluation, folder: Path | str) -> dict[str, Any]:
+def write_trials(
+    evaluation: TrialEvaluation,
+    folder: Path | str,
+    sections: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
     """Write ``trials.json`` and ``per_grasp.csv`` into a folder, which is made if needed.
+
+    Args:
+        evaluation: What the trials found.
+        folder: Where to.
+        sections: What ``trials.json`` says beside it, such as the detector.
 
     Returns:
         What ``trials.json`` holds.
@@ -308,7 +317,7 @@ def write_trials(evaluation: TrialEvaluation, folder: Path | str) -> dict[str, A
     if root.exists() and not root.is_dir():
         raise FileError(root, "is a file, not a folder", "name another folder")
     write_text(root / PER_GRASP_FILE, as_csv(evaluation.rows()))
-    summary = evaluation.to_dict(root / PER_GRASP_FILE)
+    summary = {**evaluation.to_dict(root / PER_GRASP_FILE), **(sections or {})}
     # Last, so that a summary on disk always has its rows beside it.
     write_text(root / SUMMARY_FILE, json.dumps(summary, indent=2) + "\n")
     (root / UNFINISHED_FILE).unlink(missing_ok=True)

@@ -48,8 +48,7 @@ def best_shipped(channels: Collection[Channels]) -> Path | None:
 def default_weights(*, has_rgb: bool = True, has_depth: bool = True) -> Path:
     """The best weights that ship for the pictures that there are.
 
-    Of all that need no more than there is, the one whose card says the highest trial success: to
-    see colour as well helps on objects like those of the training, and less on others.
+    Of all that need no more than there is, the one whose card says the highest trial success.
 
     Args:
         has_rgb: Whether there is a colour picture.

@@ -38,6 +38,7 @@ _LONGEST_PX = 3.0  # edges of triangles that carry a pattern
 _ROOM = (64, 128)  # rows and columns of the picture of the room
 _BOUNCES = 12
 _SPECK = 2.5  # times the light around, beyond which a pixel is an error
+_EXTRA = ("a photo by path tracing", "mitsuba", "photo")
 _DULL = 0.003  # reflectance below which a surface only scatters
 
 
@@ -48,7 +49,7 @@ def check_photo() -> None:
         MissingExtraError: Mitsuba is not installed.
     """
     if find_spec("mitsuba") is None:
-        raise MissingExtraError("a photo by path tracing", "mitsuba", "photo")
+        raise MissingExtraError(*_EXTRA)
 
 
 def photo(
@@ -75,8 +76,10 @@ def photo(
         MissingExtraError: Mitsuba is not installed.
         InvalidInputError: As `render`; or the pixels are not square, or a number is not positive.
     """
-    check_photo()
-    import mitsuba
+    try:
+        import mitsuba
+    except ImportError as error:  # there, but for another Python or processor
+        raise MissingExtraError(*_EXTRA) from error
 
     if samples < 1:
         raise InvalidInputError("samples", samples, "1 or more paths for each pixel")
