@@ -65,6 +65,7 @@ class Attempt:
 
     Attributes:
         parts: Where the gripper is in MuJoCo's arrays.
+        kernel: Compiled looks at MuJoCo's state.
         finger: Of each geometry: 0 if it belongs to the right finger, 1 to the left, -1 neither.
         recent: What the fingers pressed on at the last looks; at a single one a contact may be
             missing.
@@ -73,14 +74,18 @@ class Attempt:
     def __init__(
         self, world: World, gripper: Gripper, settings: TrialSettings, record: Record | None = None
     ) -> None:
+        from graspmap.simulation import _attempt_kernel
+
         assert world.gripper is not None
+        self.kernel = _attempt_kernel
         self.world, self._gripper, self.settings = world, gripper, settings
         self._model, self._data, self.parts = world.model, world.data, world.gripper
+        self._right, self._left = self.parts.finger_q.tolist()
         self._record = record
         self.finger = np.full(len(world.owner), -1, dtype=np.intp)
         self.finger[self.parts.geoms] = (0, 1)
         self.recent: deque[Floats] = deque(maxlen=settings.stall_checks)
-        self._steps = settings.steps_a_check
+        self._steps, self._timestep_s = settings.steps_a_check, 0.0
         self._hold_checks = max(1, round(settings.hold_s / settings.check_s))
 
     def run(self, start: Start) -> Ending:
@@ -150,8 +155,9 @@ class Attempt:
         """Long time steps from here on where nothing moves in the hand, short ones otherwise."""
         settings = self.settings
         step = settings.timestep_s if calm else settings.fine_timestep_s
-        self._model.opt.timestep = step
-        self._steps = max(1, round(settings.check_s / step))
+        if step != self._timestep_s:
+            self._model.opt.timestep = self._timestep_s = step
+            self._steps = max(1, round(settings.check_s / step))
 
     def _look(self, phase: str) -> None:
         if self._record is not None:
@@ -173,12 +179,13 @@ class Attempt:
                 if not self.recent[-1].any():
                     return self._closed_on_nothing()
                 break
-            stopped = (np.abs(data.qvel[parts.finger_v]) < stall_m_s).all()
+            stopped = max(map(abs, data.qvel[parts.finger_v].tolist())) < stall_m_s
             still = still + 1 if stopped else 0
             if still >= settings.stall_checks:
                 break
             # One finger alone pushes an object over the table; it is the pinch that is delicate.
-            self.pace(calm=stopped or not (self.recent[-1] > 0).all(axis=0).any())
+            pinched = any(min(pair) > 0 for pair in zip(*self.recent[-1].tolist(), strict=True))
+            self.pace(calm=stopped or not pinched)
         return self._unstable()
 
     def _closed_on_nothing(self) -> Ending:
@@ -192,15 +199,16 @@ class Attempt:
     def _lift(self, held: Held) -> Ending | None:
         """Lift until the object hangs still and free, which goes on for ever, or to the end."""
         data, speed, hangs = self._data, 0.0, 0
+        ctrl = data.ctrl[2:]
         ending: Ending | None = None
         for rate in self.settings.lift_accelerations():
-            step = self._model.opt.timestep
+            step = self._timestep_s
             for _ in range(self._steps if rate else 0):
-                data.ctrl[2:] = speed + rate * step / 2
+                ctrl[:] = speed + rate * step / 2
                 speed += rate * step
                 mujoco.mj_step(self._model, data)
             if not rate:
-                data.ctrl[2:] = speed
+                ctrl[:] = speed
                 mujoco.mj_step(self._model, data, self._steps)
             self._look("lift")
             if ending is not None:
@@ -212,7 +220,7 @@ class Attempt:
                 ending = self._unstable() or held.verdict()
                 if self._record is None:
                     return ending
-        data.ctrl[2:] = 0.0
+        ctrl[:] = 0.0
         return ending
 
     def _hold(self, held: Held) -> Ending | None:
@@ -240,25 +248,22 @@ class Attempt:
         return self._hold(held)
 
     def _opening(self) -> float:
-        return float(self._data.qpos[self.parts.finger_q].sum())
+        positions = self._data.qpos
+        return float(positions[self._right] + positions[self._left])
 
     def forces(self) -> Floats:
         """(2, B) normal force of the right and the left finger on each object, newton."""
-        total = np.zeros((2, len(self.world.bodies)))
-        data = self._data
-        if not data.ncon:
-            return total
-        pairs = data.contact.geom
-        finger = self.finger[pairs].max(axis=1)
-        index = self.world.owner[pairs].max(axis=1)
-        active = (finger >= 0) & (index >= 0) & (data.contact.efc_address >= 0)
-        address = data.contact.efc_address[active]
-        np.add.at(total, (finger[active], index[active]), data.efc_force[address])
+        total, data, world = np.zeros((2, len(self.world.bodies))), self._data, self.world
+        if data.ncon:
+            contact = data.contact
+            self.kernel.press(
+                contact.geom, contact.efc_address, data.efc_force, self.finger, world.owner, total
+            )
         return total
 
     def _grasped(self) -> tuple[int | None, float]:
         """The object that both fingers press on (else the one they press most), and how much."""
-        forces = np.mean(self.recent, axis=0)
+        forces = np.sum(self.recent, axis=0) / len(self.recent)
         if not forces.any():
             return None, 0.0
         both = forces.min(axis=0)
@@ -271,8 +276,7 @@ class Attempt:
 
     def on_table(self, index: int) -> bool:
         """Whether an object touches the table."""
-        if not self._data.ncon:
-            return False
-        pairs = self._data.contact.geom
-        table = (pairs == 0).any(axis=1)
-        return bool((table & (self.world.owner[pairs] == index).any(axis=1)).any())
+        data = self._data
+        return bool(data.ncon) and self.kernel.touches_table(
+            data.contact.geom, self.world.owner, index
+        )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,20 @@ class Ending:
     lift_m: float | None = None
 
 
+class Motion(NamedTuple):
+    """How the pinched point of an object moves in the hand.
+
+    Attributes:
+        slip_m: How far it has moved.
+        speed_m_s: Its speed.
+        turning_rad_s: Greatest of the object's three speeds of turning.
+    """
+
+    slip_m: float
+    speed_m_s: float
+    turning_rad_s: float
+
+
 class Held:
     """The object in the hand, from the moment that the fingers have closed.
 
@@ -55,15 +69,19 @@ class Held:
         self._world, self._data = attempt.world, attempt.world.data
         self._settings = attempt.settings
         self._heights_m, self._closed_m, self._force_n = heights_m, closed_m, force_n
-        self._body = int(self._world.bodies[index])
+        body, speeds = int(self._world.bodies[index]), int(self._world.body_v[index])
+        # Views of MuJoCo's state, which move on with it.
+        self._position, self._turn = self._data.xpos[body], self._data.xmat[body]
+        self._speeds = self._data.qvel[speeds : speeds + 6]
         assert self._world.gripper is not None
         self._base, self._base_v = self._world.gripper.base_q, self._world.gripper.base_v
-        point = self._pinch()
-        position, turn = self._data.xpos[self._body], self._data.xmat[self._body].reshape(3, 3)
         # The point of the object that lies between the fingers, in the object's own frame.
-        self._point = turn.T @ (point - position)
-        self._place = self._in_hand()
+        self._point = self._turn.reshape(3, 3).T @ (self._pinch() - self._position)
+        # Where that is, seen from the gripper.
+        self._place, base_m = np.empty(3), self._data.qpos[self._base]
+        attempt.kernel.in_hand(self._position, self._turn, self._point, base_m, self._place)
         self._highest_m = -math.inf
+        self._motion = self._move()
         self._still = False
 
     def _pinch(self) -> Floats:
@@ -73,26 +91,18 @@ class Held:
         assert parts is not None
         right, left = data.qpos[parts.finger_q]
         middle = np.array([(right - left) / 2, 0.0, data.qpos[parts.base_q]])
-        if not data.ncon:
-            return middle
-        pairs = data.contact.geom
-        finger = attempt.finger[pairs].max(axis=1)
-        mine = self._world.owner[pairs].max(axis=1) == self._index
-        sides = [data.contact.pos[mine & (finger == side)] for side in (0, 1)]
-        touched = [side.mean(axis=0) for side in sides if len(side)]
-        return np.asarray(np.mean(touched, axis=0)) if touched else middle
+        if data.ncon:
+            contact, owner = data.contact, self._world.owner
+            attempt.kernel.pinch(
+                contact.geom, contact.pos, attempt.finger, owner, self._index, middle
+            )
+        return middle
 
-    def _in_hand(self) -> Floats:
-        """Where the pinched point is now, seen from the gripper, metres."""
-        turn = self._data.xmat[self._body].reshape(3, 3)
-        now = self._data.xpos[self._body] + turn @ self._point
-        now[2] -= self._data.qpos[self._base]
-        return np.asarray(now)
-
-    def slip(self) -> float:
-        """How far the pinched point has moved in the hand, metres."""
-        x, y, z = (self._in_hand() - self._place).tolist()
-        return math.sqrt(x * x + y * y + z * z)
+    def _move(self) -> Motion:
+        """How the pinched point moves now."""
+        base = self._data.qpos[self._base], self._data.qvel[self._base_v]
+        body = self._position, self._turn, self._speeds
+        return Motion(*self._attempt.kernel.motion(*body, self._point, base, self._place))
 
     def rise(self, index: int | None = None) -> float:
         """How far the centre of mass of this or another object has risen, metres."""
@@ -103,15 +113,16 @@ class Held:
     def lost(self) -> bool:
         """Whether the verdict is certain already."""
         self._highest_m = max(self._highest_m, self.rise())
+        self._motion = self._move()
         self._still = self._calm()
         self._attempt.pace(calm=self._still)
-        return self.slip() > self._settings.max_slip_m
+        return self._motion.slip_m > self._settings.max_slip_m
 
     def hangs(self) -> bool:
         """Whether it rests in the hand, held from both sides and clear of the table."""
         if not self._still or self._highest_m < self._settings.left_table_m:
             return False
-        if self._speed() > _REST_M_S or self._turning() > _REST_RAD_S:
+        if self._motion.speed_m_s > _REST_M_S or self._motion.turning_rad_s > _REST_RAD_S:
             return False
         pressed = self._attempt.forces()[:, self._index] > 0
         return bool(pressed.all()) and not self._attempt.on_table(self._index)
@@ -122,15 +133,11 @@ class Held:
         right, left = speeds[self._attempt.parts.finger_v].tolist()
         if abs(right) >= still or abs(left) >= still:
             return False
-        return self._turning() < _CALM_RAD_S and self._speed() < still
-
-    def _turning(self) -> float:
-        """Greatest of the three speeds of turning, rad/s."""
-        at = self._world.body_v[self._index]
-        return float(np.abs(self._data.qvel[at + 3 : at + 6]).max())
+        return self._motion.turning_rad_s < _CALM_RAD_S and self._motion.speed_m_s < still
 
     def verdict(self, when: str = "") -> Ending:
         """Held or not, and why."""
+        self._motion = self._move()
         outcome, reason = self._judge()
         return Ending(
             outcome,
@@ -138,12 +145,12 @@ class Held:
             self._index,
             self._closed_m,
             self._force_n,
-            self.slip(),
+            self._motion.slip_m,
             self.rise(),
         )
 
     def _judge(self) -> tuple[Outcome, str]:
-        settings, slip = self._settings, self.slip()
+        settings, slip = self._settings, self._motion.slip_m
         lost = slip > settings.max_slip_m
         forces = self._attempt.forces() if lost else self._attempt.pressed()
         right, left = forces[:, self._index] > 0
@@ -156,20 +163,10 @@ class Held:
             return Outcome.SLIPPED, f"it slid {slip * 1e3:.0f} mm through the fingers"
         if on_table:
             return Outcome.SLIPPED, "a part of it still lies on the table"
-        speed = self._speed()
+        speed = self._motion.speed_m_s
         if speed > settings.max_speed_m_s:
             return Outcome.SLIPPED, f"it still slides at {speed * 1e3:.0f} mm/s"
         return Outcome.HELD, "it hangs between both fingers" + self._company()
-
-    def _speed(self) -> float:
-        """Speed of the pinched point in the hand, m/s."""
-        data, at = self._data, self._world.body_v[self._index]
-        vx, vy, vz, wx, wy, wz = data.qvel[at : at + 6].tolist()
-        x, y, z = self._point.tolist()
-        # MuJoCo has the turning speed of a free body in the body's own frame.
-        turning = (wy * z - wz * y, wz * x - wx * z, wx * y - wy * x)
-        ax, ay, az = (data.xmat[self._body].reshape(3, 3) @ turning).tolist()
-        return math.hypot(ax + vx, ay + vy, az + vz - float(data.qvel[self._base_v]))
 
     def _company(self) -> str:
         others = range(len(self._world.bodies))

@@ -229,7 +229,7 @@ class TrialRunner:
         )
 
     def _opening(self, width_m: float) -> float:
-        return float(np.clip(width_m, self.gripper.min_opening_m, self.gripper.max_opening_m))
+        return min(max(width_m, self.gripper.min_opening_m), self.gripper.max_opening_m)
 
     def _clamped(self, width_m: float) -> str:
         """What to add to the reason where the gripper has not the opening that was asked for."""
