@@ -15,9 +15,20 @@ from graspmap import cli, read_scenes
 from graspmap.data import write_predictions
 from graspmap.data.fingerprint import data_hash
 from graspmap.data.split import Split, fingerprint
-from graspmap.errors import InvalidInputError, UnknownNameError
+from graspmap.errors import (
+    FileFormatError,
+    InvalidInputError,
+    MissingFileError,
+    UnknownNameError,
+)
 from graspmap.evaluation import TrialPlan, try_grasps
-from graspmap.evaluation.cards import calibrate, check_not_trained_on, evaluation_name
+from graspmap.evaluation.cards import (
+    calibrate,
+    check_not_trained_on,
+    evaluation_card,
+    evaluation_name,
+)
+from graspmap.evaluation.run_folder import read_run_folder
 from graspmap.geometry import Grasps
 from graspmap.inference import (
     DataCard,
@@ -223,7 +234,7 @@ def test_trials_alone_say_whose_they_are(capsys, generated, tmp_path):
     out = tmp_path / "report"
     data = ("--data", f"jacquard:{generated}", "--out", out, "--predictions")
     assert run(capsys, "trial", *data, found)[0] == 0
-    found.rename(moved)
+    moved.write_text(found.read_text().replace("\n", "\r\n"))
     write_predictions(found, {scenes.ids[0]: scenes[0].grasps[1:2]}, size_px=size)
     code, _, err = run(capsys, "evaluate", *data, found)
     assert code == 2
@@ -232,6 +243,17 @@ def test_trials_alone_say_whose_they_are(capsys, generated, tmp_path):
     code, _, err = run(capsys, "trial", *data, found)
     assert code == 2
     assert "holds the evaluation of another detector" in err
+    evaluation = (out / "evaluation.json").read_text()
+    (out / "evaluation.json").unlink()
+    alone = read_run_folder(out).summary["detector"]
+    assert alone["hash"] == json.loads(evaluation)["detector"]["hash"]
+    with pytest.raises(MissingFileError, match="trials alone"):
+        evaluation_card(out, "")
+    changed = json.loads(evaluation)
+    changed["detector"]["hash"] = "0"  # as after a kill between the two files
+    (out / "evaluation.json").write_text(json.dumps(changed))
+    with pytest.raises(FileFormatError, match="holds trials of another detector"):
+        read_run_folder(out)
     (out / "evaluation.json").unlink()
     told = json.loads((out / "trials.json").read_text())
     del told["detector"]
@@ -245,20 +267,20 @@ def test_trials_alone_say_whose_they_are(capsys, generated, tmp_path):
         assert f"only with {needed}" in err
 
 
-def test_evaluations_of_other_data_have_names_of_their_own(tmp_path, monkeypatch):
+def test_evaluations_of_other_data_have_names_of_their_own():
     def made(data, data_hash, part=None):
         numbers = {"scenes": 1, "protocol": "strict", "success": {}, "interval": {}, "miou": 0.5}
         return EvaluationCard(data=data, data_hash=data_hash, part=part, cluster="scene", **numbers)
 
     known = {"test": made("jacquard:/a/test", "1")}
-    monkeypatch.chdir(tmp_path)
     for card, name in (
         (made("jacquard:/a/test", "2"), "test"),  # the folder was made anew: it takes its place
         (made("jacquard:/elsewhere/test", "1"), "test"),  # a copy of it
         (made("jacquard:/b/test", "2"), "b/test"),
         (made("jacquard:/b/test", "1", "validation"), "test:validation"),
-        (made("jacquard:.", "2"), tmp_path.name),
-        (made("jacquard:.", "2", "test"), f"{tmp_path.name}:test"),
+        (made("jacquard:.", "2"), "2"),
+        (made("jacquard:..", "3", "test"), "3:test"),
+        (made("jacquard:../b/test", "3"), "b/test"),
     ):
         assert evaluation_name(card, known) == name
     known["b/test"] = made("jacquard:/c/b/test", "3")

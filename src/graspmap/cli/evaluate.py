@@ -138,10 +138,10 @@ def measure(flags: Evaluate, command: str) -> dict[str, Any]:
     from graspmap.evaluation.run_folder import check_same_detector
 
     chosen = select(flags)
-    detector = describe_measured(chosen.detector, flags.weights, flags.predictions)
+    predictions = None if flags.predictions is None else _predictions(flags.predictions)
+    detector = describe_measured(chosen.detector, flags.weights, flags.predictions, predictions)
     if flags.out is not None and not flags.trials:
         check_same_detector(flags.out, detector, trials=False)
-    predictions = None if flags.predictions is None else _predictions(flags.predictions)
     result = _measure(flags, chosen, predictions)
     tell_rectangles(flags, result)
     sections: dict[str, Any] = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from graspmap.cli.trial_flags import TrialFlags
     from graspmap.data import Scenes
     from graspmap.data.split import Split
+    from graspmap.geometry import Grasps
     from graspmap.inference import Detector
 
 _LOG = logging.getLogger(__name__)
@@ -98,19 +100,25 @@ def select(flags: SelectionFlags) -> Selection:
 
 
 def describe_measured(
-    detector: Detector | None, weights: Path | None, predictions: Path | None
+    detector: Detector | None,
+    weights: Path | None,
+    predictions: Path | None,
+    given: Mapping[str, Grasps] | None,
 ) -> dict[str, Any]:
-    """What is measured, for JSON: weights, else a predictions file, else the labels."""
+    """What is measured, for JSON: weights, else a predictions file, else the labels.
+
+    Args:
+        detector: The weights, loaded; None where there are none.
+        weights: Their file.
+        predictions: A predictions file.
+        given: What was read from it.
+    """
     if detector is not None:
         return {"kind": "weights", "file": str(weights), **detector.describe()}
-    if predictions is not None:
-        from graspmap.files import file_hash
+    if given is not None:
+        from graspmap.data.jacquard_predictions import predictions_hash
 
-        return {
-            "kind": "predictions",
-            "file": str(predictions),
-            "hash": file_hash(predictions),
-        }
+        return {"kind": "predictions", "file": str(predictions), "hash": predictions_hash(given)}
     return {"kind": "labels"}
 
 

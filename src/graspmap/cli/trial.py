@@ -28,6 +28,7 @@ from graspmap.errors import InvalidInputError
 if TYPE_CHECKING:
     from graspmap.data import Scenes
     from graspmap.evaluation import GraspsToTry, TrialEvaluation, TrialPlan
+    from graspmap.geometry import Grasps
 
 _LOG = logging.getLogger(__name__)
 _RANKS = 10
@@ -100,10 +101,11 @@ def run(argv: Sequence[str]) -> int:
     from graspmap.evaluation.run_folder import check_same_detector
 
     chosen = select(flags)
-    detector = describe_measured(chosen.detector, flags.weights, flags.predictions)
+    given = None if flags.predictions is None else _predictions(flags.predictions)
+    detector = describe_measured(chosen.detector, flags.weights, flags.predictions, given)
     if flags.out is not None:
         check_same_detector(flags.out, detector, trials=True)
-    todo = _grasps(flags, chosen, plan)
+    todo = _grasps(flags, chosen, plan, given)
     from graspmap.evaluation import write_trials
 
     scenes = flags.trial.scenes(flags.data, chosen.scenes.ids)
@@ -145,17 +147,22 @@ def _check(flags: Trial) -> None:
     output_file(flags.json, "--json", keep=[flags.weights, flags.predictions, flags.trial.camera])
 
 
-def _grasps(flags: Trial, chosen: Selection, plan: TrialPlan) -> GraspsToTry:
+def _predictions(path: Path) -> dict[str, Grasps]:
+    from graspmap.data import read_predictions
+
+    return read_predictions(path)
+
+
+def _grasps(
+    flags: Trial, chosen: Selection, plan: TrialPlan, given: dict[str, Grasps] | None
+) -> GraspsToTry:
     """The grasps to try on each scene."""
     if chosen.detector is not None:
         return detect_to_try(chosen.detector, chosen.scenes, plan)
     from graspmap.evaluation import file_predictions, labelled_grasps
 
-    if flags.predictions is None:
+    if given is None:
         return labelled_grasps(chosen.scenes, top=flags.top, seed=flags.seed)
-    from graspmap.data import read_predictions
-
-    given = read_predictions(flags.predictions)
     todo = file_predictions(given, chosen.scenes, chosen.everything.ids)
     if todo.unknown:
         _LOG.warning(

@@ -132,7 +132,8 @@ def _jaws(grasps: Grasps, order: NDArray[np.intp], starts: NDArray[np.intp]) -> 
     """How many jaw sizes each place has."""
     if not len(grasps):
         return np.zeros(0, dtype=np.intp)
-    larger = np.diff(grasps.height[order], prepend=-1.0) != 0  # they stand in order of size
+    # They stand in order of size, and are told apart as finely as places are.
+    larger = np.diff(np.round(grasps.height[order] * 1e4), prepend=-1.0) != 0
     larger[starts] = True
     return np.asarray(np.add.reduceat(larger.astype(np.intp), starts))
 

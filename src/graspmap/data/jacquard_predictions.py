@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from hashlib import blake2b
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,16 @@ def read_predictions(path: Path | str) -> dict[str, Grasps]:
         more = len(reader.problems) - _TOLD
         raise FileFormatError(path, shown + (f"; and {more} more" if more > 0 else ""), _LAYOUT)
     return {name: _grasps(lines) for name, lines in reader.rows.items()}
+
+
+def predictions_hash(predictions: Mapping[str, Grasps]) -> str:
+    """32 hexadecimal digits (BLAKE2b) of predicted grasps, by scene and in their order."""
+    found = blake2b(digest_size=16)
+    for name, grasps in sorted(predictions.items()):
+        columns = (*grasps.center.T, grasps.angle, grasps.width, grasps.height, grasps.quality)
+        found.update(f"{name}\n{len(grasps)}\n".encode())
+        found.update(np.column_stack(columns).astype("<f8").tobytes())
+    return found.hexdigest()
 
 
 class _Reader:

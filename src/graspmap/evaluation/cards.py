@@ -18,7 +18,7 @@ from graspmap.data.fingerprint import data_hash
 from graspmap.data.kinds import split_spec
 from graspmap.data.scene import Scenes
 from graspmap.data.split import Split
-from graspmap.errors import FileFormatError, InvalidInputError
+from graspmap.errors import FileFormatError, InvalidInputError, MissingFileError
 from graspmap.evaluation import results
 from graspmap.evaluation.compare import best_trials
 from graspmap.evaluation.run_folder import RunFolder, read_run_folder
@@ -138,6 +138,8 @@ def evaluation_card(folder: Path | str, weights_hash: str) -> EvaluationCard:
     """
     run = read_run_folder(folder)
     path = run.folder / results.SUMMARY_FILE
+    if not path.is_file():
+        raise MissingFileError(path, "is missing: the folder holds trials alone", _AGAIN)
     found = run.summary.get("detector") or {}
     if found.get("hash") != weights_hash or "data_hash" not in run.summary:
         raise FileFormatError(
@@ -169,8 +171,9 @@ def evaluation_name(card: EvaluationCard, known: Mapping[str, EvaluationCard]) -
         known: Those that the card has, by name; as much of the folder's path is taken as tells this
             one apart from those of other data.
     """
-    folder = split_spec(card.data)[1].resolve()
-    parts = folder.relative_to(folder.anchor).parts or (folder.anchor,)
+    folder = split_spec(card.data)[1]
+    # Where "." was, nobody knows any more.
+    parts = [p for p in folder.parts if p not in (folder.anchor, "..")] or [card.data_hash]
     part = f":{card.part}" if card.part else ""
     names = ["/".join(parts[-length:]) + part for length in range(1, len(parts) + 1)]
     for name in names:

@@ -71,7 +71,8 @@ def read_run_folder(folder: Path | str) -> RunFolder:
     Raises:
         MissingFileError: There is neither an evaluation nor trials in it, or the file with one row
             a scene is gone.
-        FileFormatError: A file is damaged, or lacks something; the error names it.
+        FileFormatError: A file is damaged, or lacks something, or trials and evaluation are of two
+            detectors; the error names it.
     """
     root = Path(folder)
     evaluation, trials = root / results.SUMMARY_FILE, root / trial_results.SUMMARY_FILE
@@ -92,7 +93,15 @@ def read_run_folder(folder: Path | str) -> RunFolder:
         _check(summary, evaluation, _EVALUATION)
         scenes = _read_scenes(root / results.PER_SCENE_FILE)
     if trials.is_file():
-        summary = {"trials": _check(_read_json(trials), trials, _TRIALS), **summary}
+        tried = _check(_read_json(trials), trials, _TRIALS)
+        own = {"detector": tried["detector"]} if "detector" in tried else {}
+        if (
+            own
+            and "detector" in summary
+            and _content(own["detector"]) != _content(summary["detector"])
+        ):
+            raise FileFormatError(trials, "holds trials of another detector", _REMEDY)
+        summary = {"trials": tried, **own, **summary}
         scenes = _with_trials(scenes, root / trial_results.PER_GRASP_FILE)
     first = summary if evaluation.is_file() else summary["trials"]
     return RunFolder(

@@ -122,6 +122,7 @@ class Attempt:
     def _set(self, start: Start, opening_m: float) -> None:
         world, data, parts = self.world, self._data, self.parts
         world.reset()
+        self._timestep_s = 0.0  # another attempt may have set the model's since
         world.set_jaw(start.jaw_m)
         if start.friction != 1.0:
             world.scale_friction(start.friction)

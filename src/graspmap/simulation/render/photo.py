@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -38,18 +37,24 @@ _LONGEST_PX = 3.0  # edges of triangles that carry a pattern
 _ROOM = (64, 128)  # rows and columns of the picture of the room
 _BOUNCES = 12
 _SPECK = 2.5  # times the light around, beyond which a pixel is an error
-_EXTRA = ("a photo by path tracing", "mitsuba", "photo")
 _DULL = 0.003  # reflectance below which a surface only scatters
 
 
 def check_photo() -> None:
-    """See that photos can be taken here; quick, for before long work.
+    """See that photos can be taken here, before long work.
 
     Raises:
-        MissingExtraError: Mitsuba is not installed.
+        MissingExtraError: Mitsuba is not installed, or not for this Python.
     """
-    if find_spec("mitsuba") is None:
-        raise MissingExtraError(*_EXTRA)
+    _mitsuba()
+
+
+def _mitsuba() -> Any:
+    try:
+        import mitsuba
+    except ImportError as error:
+        raise MissingExtraError("a photo by path tracing", "mitsuba", "photo") from error
+    return mitsuba
 
 
 def photo(
@@ -73,14 +78,10 @@ def photo(
         The channels of `render`, with colours of the path tracer.
 
     Raises:
-        MissingExtraError: Mitsuba is not installed.
+        MissingExtraError: As `check_photo`.
         InvalidInputError: As `render`; or the pixels are not square, or a number is not positive.
     """
-    try:
-        import mitsuba
-    except ImportError as error:  # there, but for another Python or processor
-        raise MissingExtraError(*_EXTRA) from error
-
+    mitsuba = _mitsuba()
     if samples < 1:
         raise InvalidInputError("samples", samples, "1 or more paths for each pixel")
     if not math.isclose(view.camera.fx, view.camera.fy, rel_tol=1e-9):
