@@ -95,11 +95,7 @@ def read_run_folder(folder: Path | str) -> RunFolder:
     if trials.is_file():
         tried = _check(_read_json(trials), trials, _TRIALS)
         own = {"detector": tried["detector"]} if "detector" in tried else {}
-        if (
-            own
-            and "detector" in summary
-            and _content(own["detector"]) != _content(summary["detector"])
-        ):
+        if own and _content(own["detector"]) != _content({**own, **summary}["detector"]):
             raise FileFormatError(trials, "holds trials of another detector", _REMEDY)
         summary = {"trials": tried, **own, **summary}
         scenes = _with_trials(scenes, root / trial_results.PER_GRASP_FILE)
@@ -126,7 +122,7 @@ def check_same_detector(folder: Path, detector: Mapping[str, Any], *, trials: bo
     if not stays.is_file():
         return
     known = _read_json(stays).get("detector")
-    if isinstance(known, dict) and _content(known) == _content(detector):
+    if _content(known) == _content(detector):
         return
     what = "the evaluation" if trials else "trials"
     whose = "another detector" if known else "a detector that it does not name"
@@ -135,8 +131,10 @@ def check_same_detector(folder: Path, detector: Mapping[str, Any], *, trials: bo
     raise FileFormatError(stays, f"holds {what} of {whose}", remedy)
 
 
-def _content(detector: Mapping[str, Any]) -> tuple[Any, Any]:
+def _content(detector: Any) -> tuple[Any, Any]:
     """What makes a detector this one: weights and predictions by content, wherever they lie."""
+    if not isinstance(detector, Mapping):
+        return None, None
     return detector.get("kind"), detector.get("hash")
 
 
