@@ -429,11 +429,13 @@ def test_another_grasp_that_was_tried_is_said_and_drawn(generated):
     measured = {r.id: r.grasp for r in evaluation.results}
     first, second, third = measured
     beside = measured[second].transformed(translation(6.0, 0.0))
-    turned = measured[first].replace(angle=measured[first].angle + np.pi)
+    turned = measured[first].replace(
+        angle=measured[first].angle + np.pi, width=measured[first].width + 5.0
+    )
     grasps = {first: turned, second: beside, third: Grasps.empty()}
     trials = try_grasps(grasps, scenes, TrialPlan(), workers=1)
     shown = {e.scene: e for e in make_gallery(evaluation, scenes, trials=trials, each=1)}
-    assert "cannot open" not in shown[first].words  # half a turn is the same grasp
+    assert "cannot open" not in shown[first].words  # half a turn, with clearance: the same grasp
     assert "The gripper cannot open that wide; its next grasp was tried: " in shown[second].words
     assert shown[third].words.endswith("open that wide, and there is no other grasp to try.")
 

@@ -100,7 +100,7 @@ class Evaluate:
     """Where the network runs: cpu, cuda, ..."""
     out: Annotated[Path | None, option("DIR")] = None
     """Folder for the report (report.html, evaluation.json, per_scene.csv), of weights also
-    predictions.txt, of trials trials.json and per_grasp.csv."""
+    predictions.txt, of trials trials.json and per_grasp.csv. Results of before are replaced."""
     json: Annotated[Path | None, option("F")] = None
     """Write the summary as JSON to this file, - for standard output."""
     trial: Annotated[TrialFlags, tyro.conf.OmitArgPrefixes] = field(default_factory=TrialFlags)

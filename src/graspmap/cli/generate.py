@@ -47,13 +47,14 @@ class Generate:
       graspmap doctor jacquard:data/first
 
     Each scene is an object (or --clutter of them) dropped on a table until it rests, seen by a
-    camera that varies, with about --candidates grasps tried in simulated physics. Those that held
-    are the labels; the others are kept with the way they failed. The files are laid out as in the
-    Jacquard data set, so whatever reads Jacquard reads them; beside them lie NAME_negatives.txt,
-    NAME_camera.json and NAME_scene.json, from which `graspmap trial` tries any prediction later.
-    split.json divides the scenes by object; manifest.json has the counts and the hash of each file;
-    sheet.png shows some scenes. Stopped (Ctrl-C, kill, full disk), the same command goes on where
-    it was, and ends with the same bytes. More --scenes in the same folder add scenes.
+    camera that varies (--views scenes in a row have the same object), with about --candidates
+    grasps tried in simulated physics. Those that held are the labels; the others are kept with the
+    way they failed. The files are laid out as in the Jacquard data set, so whatever reads Jacquard
+    reads them; beside them lie NAME_negatives.txt, NAME_camera.json and NAME_scene.json, from which
+    `graspmap trial` tries any prediction later. split.json divides the scenes by object;
+    manifest.json has the counts and the hash of each file; sheet.png shows some scenes. Stopped
+    (Ctrl-C, kill, full disk), the same command goes on where it was, and ends with the same bytes.
+    More --scenes in the same folder add scenes.
 
     A recipe is a YAML file that says all of this for several parts (training, test, ...) that share
     no object; graspmap-v1 is the benchmark of the project, graspmap-examples made the scenes that
@@ -244,8 +245,9 @@ def _summary(manifest: Mapping[str, Any], clock: _Clock, out: Path) -> dict[str,
 
 
 def _tell(tell: Callable[[str], None], summary: Mapping[str, Any]) -> None:
+    things = "1 object" if summary["objects"] == 1 else f"{summary['objects']} objects"
     tell(
-        f"{summary['scenes']} scenes of {summary['objects']} objects in {summary['data']}, "
+        f"{summary['scenes']} scenes of {things} in {summary['data']}, "
         f"{summary['made_now']} of them made now in {summary['seconds']:.0f} s "
         f"({summary['scenes_per_hour']:,.0f} scenes an hour)"
     )

@@ -82,7 +82,8 @@ class Trial:
     animate: Annotated[Path | None, option("DIR")] = None
     """Folder for small animations (.webp) of some grasps that held and some that failed."""
     out: Annotated[Path | None, option("DIR")] = None
-    """Folder for trials.json, per_grasp.csv and, of weights, predictions.txt."""
+    """Folder for trials.json, per_grasp.csv and, of weights, predictions.txt. A run that was
+    stopped goes on there; results of before are replaced."""
     json: Annotated[Path | None, option("F")] = None
     """Write the summary and every grasp as JSON to this file, - for standard output."""
     trial: Annotated[TrialFlags, tyro.conf.OmitArgPrefixes] = field(default_factory=TrialFlags)

@@ -155,13 +155,13 @@ def note(argv: Sequence[str]) -> None:
 
 def _row(card: WeightsCard) -> tuple[str, ...]:
     """A card as one row of the list."""
-    success, calibration = card.trial_success, card.calibration
+    success, error = card.trial_success, card.calibration_error
     return (
         card.network,
         card.channels,
         f"{card.size} px",
         _UNKNOWN if success is None else f"{success:.1%}",
-        _UNKNOWN if calibration is None else f"{calibration.after.ece:.3f}",
+        _UNKNOWN if error is None else f"{error:.3f}",
         card.licence or _UNKNOWN,
     )
 

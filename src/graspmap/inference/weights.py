@@ -139,6 +139,14 @@ class WeightsCard(BaseModel):
         count = sum(trials.trials for trials in made)
         return sum(t.success * t.trials for t in made) / count if count else None
 
+    @property
+    def calibration_error(self) -> float | None:
+        """Expected calibration error, mean over the trials of its evaluations; None: unknown."""
+        trials = [e.trials for e in self.evaluations.values() if e.trials is not None]
+        made = [(t.quality.ece, t.trials) for t in trials if t.quality is not None]
+        count = sum(number for _, number in made)
+        return sum(error * number for error, number in made) / count if count else None
+
     def make_network(self) -> GraspNetwork:
         """A network of this card's kind with random weights.
 

@@ -180,11 +180,12 @@ def _distinct(order: Iterable[SceneResult], count: int) -> list[SceneResult]:
 
 
 def _is_another(measured: Grasps, tried: Grasps) -> bool:
-    """Whether the grasp that was tried lies or opens another way than the one measured."""
+    """Whether the grasp that was tried lies or is turned another way than the one measured."""
     if not len(measured) or not len(tried):
         return len(measured) != len(tried)
-    one, other = measured.corners()[0], tried.corners()[0]
-    # Turned by half a turn a grasp is the same. The jaw's size is custom, so it says nothing.
+    # Turned by half a turn a grasp is the same. The jaw's size is custom, so it says nothing; nor
+    # does the opening, which is tried with clearance.
+    one, other = measured.corners()[0], tried.replace(width=measured.width).corners()[0]
     ends = [(one[[0, 1]] + one[[3, 2]]) / 2, (other[[0, 1]] + other[[3, 2]]) / 2]
     same = [np.abs(ends[0] - way).max() for way in (ends[1], ends[1][::-1])]
     return bool(min(same) > _SAME_PX)
