@@ -52,7 +52,7 @@ def make_exhibit(
         scene=scene.id,
         why=best.outcome,
         words=f"{name_of(scene)}. {words}",
-        numbers={"probability that it holds" if calibrated else "quality": quality},
+        numbers={"probability to hold" if calibrated else "quality": quality},
         pictures=_pictures(scene, found),
         film=film,
     )
@@ -74,10 +74,12 @@ def demo_picture(exhibits: Sequence[Exhibit], title: str) -> Picture:
     tiles = []
     for exhibit in exhibits:
         name, quality = next(iter(exhibit.numbers.items()))
-        number = "" if quality is None else f", {quality:.2f}"
+        number = "" if quality is None else f" {quality:.2f}"
+        # The map is what the network draws; the number may be what a calibration makes of it.
+        drawn = "" if name == "quality" else "quality map; "
         tiles += [
             Tile(exhibit.pictures[_GRASPS], f"{exhibit.words.partition('. ')[0]}: {exhibit.why}"),
-            Tile(exhibit.pictures[_QUALITY], f"{name}{number}"),
+            Tile(exhibit.pictures[_QUALITY], f"{drawn}{name}{number}"),
         ]
     return contact_sheet(tiles, columns=4, cell=300, title=title)
 
