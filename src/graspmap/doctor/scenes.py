@@ -348,6 +348,8 @@ _PARTS = {
     "_stereo_depth.tiff": "stereo depth",
     "_grasps.txt": "labels",
     "_camera.json": "camera",
+    "_negatives.txt": "failed grasps",
+    "_scene.json": "scene record",
     "r.png": "colour",
     "d.tiff": "depth",
     "cpos.txt": "labels",
