@@ -108,6 +108,12 @@ def _parse(
 def _unboxed(box: str) -> str:
     """The message of tyro's error box, and the flag that it thinks was meant."""
     plain = re.sub(r"\x1b\[[0-9;]*m", "", box)
+    if "Missing from " in plain:
+        # Under it the flags stand indented, under each of them its help.
+        above = plain.partition("│ ──")[0]
+        missing = re.findall(r"^│ {5}(\S.*?) *│$", above, re.MULTILINE)
+        if missing:
+            return f"needs {' and '.join(missing)}"
     lines = [line.strip("│ \t") for line in plain.splitlines() if line.strip().startswith("│")]
     parts: list[list[str]] = [[]]
     for line in lines:
